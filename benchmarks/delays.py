@@ -172,7 +172,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     began = time.process_time()
     ends = Ends(delays.solved_shifts)
     with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
-        every = delays.differences_of(setup, AnyTime.of(pieces), numbers, horizon_us)
+        every = delays.differences_of(setup, AnyTime.of(pieces), numbers, horizon_us, waits=None)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began

@@ -79,6 +79,26 @@ COMMENT ON FUNCTION _pieces_near(bigint, bigint[], bigint) IS
 'All rows of pieces of objects of a scene, and of those that they may meet if one of both is a track that is up to '
 'p_horizon_us earlier or later: ids (array_send), number of pieces, and of pairs of pieces whose rows meet.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._first_stops(
+    p_scene_id bigint, p_numbers bigint[], OUT number bigint, OUT departs_us bigint[]
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+BEGIN
+    -- OFFSET 0 forces an index lookup per track.
+    RETURN QUERY
+    SELECT n, CASE WHEN t.departures IS NULL THEN ARRAY[round(ST_M(ST_StartPoint(t.path)) * 1000000)::bigint]
+                   ELSE ARRAY(SELECT round(extract(epoch FROM d) * 1000000)::bigint FROM unnest(t.departures) d) END
+    FROM unnest(p_numbers) n
+    CROSS JOIN LATERAL (SELECT t.path, t.departures FROM track t
+                        WHERE n >> 62 = 1 AND t.track_id = n & ((1::bigint << 62) - 1)
+                          AND t.scene_id + 0 = p_scene_id OFFSET 0) t
+    WHERE NOT _is_moving(ST_StartPoint(t.path), ST_PointN(t.path, 2), 'great_circle', 'wgs84');
+END
+$$;
+COMMENT ON FUNCTION _first_stops(bigint, bigint[]) IS
+'The tracks, of some objects of a scene, whose first leg stands still, and when their voyages begin, microseconds.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._write_differences(
     p_scene_id bigint, p_track_id bigint[], p_other_kind smallint[], p_other_id bigint[],
     p_forbidden_us int8multirange[], p_proven_us int8multirange[]

@@ -110,8 +110,9 @@ DECLARE
     v_starts_us bigint := round(ST_M(v_first) * 1e6);
     v_leaves_us bigint;
 BEGIN
-    WHILE v_stands < ST_NPoints(p_path) AND ST_X(ST_PointN(p_path, v_stands + 1)) = ST_X(v_first)
-          AND ST_Y(ST_PointN(p_path, v_stands + 1)) = ST_Y(v_first) LOOP
+    -- As conflictdb.earth.geodesy.is_standing.
+    WHILE v_stands < ST_NPoints(p_path)
+          AND NOT _is_moving(v_first, ST_PointN(p_path, v_stands + 1), 'great_circle', 'wgs84') LOOP
         v_stands := v_stands + 1;
     END LOOP;
     v_leaves_us := round(ST_M(ST_PointN(p_path, v_stands)) * 1e6);

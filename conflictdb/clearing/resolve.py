@@ -153,7 +153,7 @@ def resolve(
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
-    found = differences_of(setup.under(scene), AnyTime.of(pieces), numbers, most_us, waits=False)
+    found = differences_of(setup.under(scene), AnyTime.of(pieces), numbers, most_us, waits=None)
     weight = np.array([weights.get(key, 1.0) for key in movable])
     program = Program.of(found, numbers, low, high, weight)
     classes = [planned[key].object_class for key in movable]

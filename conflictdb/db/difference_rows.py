@@ -63,20 +63,25 @@ def refresh_differences(
         pieces_by_key, numbers = _by_key(bundles.pieces.take(np.argsort(place)))
         del bundles
         of_key = object_numbers(pieces_by_key)
+        _, row = np.unique(of_key, return_index=True)
+        known, number_of = of_key[row], numbers[row]
+        stops = store.first_stops(conn, scene_id, number_of)
+        by_number = np.argsort(number_of)
+        at = np.searchsorted(number_of, stops.track, sorter=by_number)
+        stops = replace(stops, track=known[by_number[at]])
         found = differences_with(
             setup,
             AnyTime.of(pieces_by_key),
             np.unique(of_key[np.isin(numbers, some)]),
             horizon_us,
             jobs,
+            waits=stops,
             but=np.unique(of_key[np.isin(numbers, objects[:done])]),
         )
-        _, row = np.unique(of_key, return_index=True)
-        known = of_key[row]
         found = replace(
             found,
-            track=numbers[row[np.searchsorted(known, found.track)]],
-            other=numbers[row[np.searchsorted(known, found.other)]],
+            track=number_of[np.searchsorted(known, found.track)],
+            other=number_of[np.searchsorted(known, found.other)],
         )
         for part in PairDifferences.of_each(found, horizon_us, _ROWS_AT_ONCE):
             store.write_differences(conn, scene_id, part)

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from conflictdb.arrays.object_numbers import numbers_of
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.drawing import map_panel
 from conflictdb.drawing.figures import MOST_ROWS, draw_remark, first_contact_order
 from conflictdb.drawing.sketch import Sketch
@@ -19,7 +20,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind, distinct_labels
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.coordination import contact_set
-from conflictdb.stages.delays import Leeway, delays_of, differences_of
+from conflictdb.stages.delays import FirstStops, Leeway, delays_of, differences_of
 from conflictdb.stages.separations import Separations
 
 if TYPE_CHECKING:
@@ -110,7 +111,8 @@ def plot_coordination(
         number = int(numbers_of(np.array([Kind.TRACK.code]), np.array([0]))[0])
         origin_us = int(a.times_us[0])
         outer, inner = contact_set(sketch.setup, sketch.pieces, number, horizon_us, origin_us, _SLICES)
-        every = differences_of(sketch.setup, AnyTime.of(sketch.pieces), np.array([number]), horizon_us)
+        placed, stops = AnyTime.of(sketch.pieces), FirstStops.of(TrackBatch.of(tracks))
+        every = differences_of(sketch.setup, placed, np.array([number]), horizon_us, waits=stops)
         others = dict.fromkeys(np.unique(every.other).tolist(), b.key)
         found = delays_of(a.key, others, every, horizon_us, Leeway.of(a, horizon_us))
         figure = mpl.figure.Figure(figsize=(7.0, 6.4), layout="constrained")

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.model.plans import EarthModel
@@ -239,6 +239,12 @@ def shorter_way_deg(difference_deg: ArrayLike) -> Floats:
     """
     difference = np.asarray(difference_deg, dtype=np.float64)
     return np.where(np.abs(difference) > 180.0, difference - 360.0 * np.round(difference / 360.0), difference)
+
+
+def is_standing(start_deg: Floats, end_deg: Floats) -> NDArray[np.bool_]:
+    """Return (n,) whether legs between places (n, 2) or one place (1, 2) stand still: whole turns are no movement."""
+    turns = (end_deg[:, 0] - start_deg[:, 0]) % 360.0 == 0.0
+    return np.asarray((start_deg[:, 1] == end_deg[:, 1]) & (turns | (np.abs(end_deg[:, 1]) == 90.0)))
 
 
 def direction_of(bearing_deg: ArrayLike) -> tuple[Floats, Floats]:

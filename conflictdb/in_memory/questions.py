@@ -22,7 +22,7 @@ from conflictdb.model.recurring_plans import require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
-from conflictdb.stages.delays import Leeway, delays_of, differences_of, waits_of
+from conflictdb.stages.delays import FirstStops, Leeway, delays_of, differences_of, waits_of
 from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.margins import least_distances
 from conflictdb.stages.memory import DEFAULT_MEMORY
@@ -117,7 +117,8 @@ def delays(
         Compute `clear_by_m`, too, up to this many metres; by default it is None.
     waypoint : int, optional
         The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of departing
-        later. Up to there all stays as planned; all later times are later.
+        later, with the heading, haven and heights of the end of the leg before. Up to there all stays as planned; all
+        later times are later.
     """
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
@@ -138,7 +139,8 @@ def delays(
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
         asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
-        every = differences_of(setup, AnyTime.of(pieces), asked, solved_us)
+        stops = FirstStops.of(TrackBatch.of(tracks))
+        every = differences_of(setup, AnyTime.of(pieces), asked, solved_us, waits=stops)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
         answers = [

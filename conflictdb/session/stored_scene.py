@@ -469,7 +469,7 @@ class StoredScene:
             Compute `clear_by_m`, too, up to this many metres; by default it is None.
         waypoint : int, optional
             The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of
-            departing later.
+            departing later, with the heading, haven and heights of the end of the leg before.
 
         Raises InvalidInput for an unknown scene or track.
         """

@@ -313,7 +313,7 @@ def chances_of_departures(
     most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
     horizon_us = int(np.ceil(1e6 * most_s)) + 1
     movable = set(numbers.tolist())
-    every = differences_of(setup, placed, numbers, horizon_us, waits=False)
+    every = differences_of(setup, placed, numbers, horizon_us, waits=None)
     met = {
         number: rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
         for number, own in every.of_each_track()

@@ -8,14 +8,16 @@ ones only.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Self
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import kernel
-from conflictdb.arrays.object_numbers import kinds_and_ids
+from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.geodesy import is_standing
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
@@ -26,6 +28,8 @@ from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]
+# An end of the time of a piece.
+_End = Literal["start", "end"]
 
 # More than times of pieces are rounded by, microseconds.
 _ROUNDING_US: Final = 0.1
@@ -126,7 +130,7 @@ class Differences:
         # Several rows together may.
         for other in set(self.other[first].tolist()).intersection(self.other[last].tolist()) - found:
             rows = self.other == other
-            if len(_within(self.low[rows], self.high[rows], least, most)) == 1:
+            if Spans.union(self.low[rows], self.high[rows]).contains(least, most):
                 found.add(other)
         return found
 
@@ -155,23 +159,71 @@ class Leeway:
 
         A track that waits at its first waypoint may leave it now; any other begins now at the earliest.
         """
-        moves = (track.positions_deg[1:] != track.positions_deg[:1]).any(axis=1)
+        moves = ~is_standing(track.positions_deg[:1], track.positions_deg[1:])
         stands = int(np.argmax(moves)) if moves.any() else len(moves)
         # The first voyage; all are delayed together.
         first_us = track.departures_us[0] if track.departures_us else int(track.times_us[0])
-        starts_us, leaves_us = first_us, first_us + int(track.times_us[stands] - track.times_us[0])
+        leaves_us = first_us + int(track.times_us[stands] - track.times_us[0])
+        return cls.between(first_us, leaves_us, horizon_us, now_us)
+
+    @classmethod
+    def between(cls, starts_us: int, leaves_us: int, horizon_us: int, now_us: int | None) -> Self:
+        """Return the delays of a track that begins at `starts_us` and leaves its first waypoint at `leaves_us`."""
+        waits = leaves_us > starts_us
         if now_us is None:
-            return cls(stands > 0, False, -horizon_us, horizon_us)
+            return cls(waits, False, -horizon_us, horizon_us)
         if leaves_us < now_us:
-            return cls(stands > 0, True, 0, 0)
+            return cls(waits, True, 0, 0)
         departs_us = starts_us if now_us <= starts_us else leaves_us
-        return cls(stands > 0, False, max(-horizon_us, now_us - departs_us), horizon_us)
+        return cls(waits, False, max(-horizon_us, now_us - departs_us), horizon_us)
 
     @classmethod
     def at(cls, waypoint_us: int, horizon_us: int, now_us: int | None = None) -> Self:
         """Return the waits at a waypoint that a track reaches at `waypoint_us`, if it has not by now."""
         has_departed = now_us is not None and waypoint_us < now_us
         return cls(True, has_departed, 0, 0 if has_departed else horizon_us)
+
+
+@dataclass(frozen=True, slots=True)
+class FirstStops:
+    """The tracks whose first leg stands still: they wait there before they depart, on each voyage.
+
+    track : (k,) their numbers (`object_numbers`), once for each later voyage and once for the first
+    departs_us : (k,) when each of these voyages begins; of tracks with one voyage, its first piece says
+    """
+
+    track: _Ints
+    departs_us: _Ints
+
+    @classmethod
+    def of(cls, tracks: TrackBatch) -> Self:
+        """Return those of some tracks."""
+        first = tracks.waypoint_offset[:-1]
+        rows = np.flatnonzero(is_standing(tracks.positions_deg[first], tracks.positions_deg[first + 1]))
+        departs = tracks.departs.take(rows)
+        number = numbers_of(np.full(len(rows), Kind.TRACK.code), tracks.track_id[rows])
+        return cls(np.repeat(number, np.diff(departs.offset)), departs.at_us)
+
+    def first_pieces(self, pieces: Pieces, number: _Ints) -> NDArray[np.bool_]:
+        """Return (n,) whether pieces, of objects (n,), are the first of one of these voyages."""
+        mine = np.flatnonzero(np.isin(number, self.track) & (pieces.part != COVER))
+        first_us = np.full(len(mine), INFINITY_US)
+        _, track = np.unique(number[mine], return_inverse=True)
+        np.minimum.at(first_us, track, pieces.start_us[mine])
+        # With a window of departure, the first piece begins before the plan does.
+        begins = pieces.start_us[mine] == first_us[track]
+        begins |= _are_in(number[mine], pieces.start_us[mine], self.track, self.departs_us)
+        found = np.zeros(len(pieces), np.bool_)
+        found[mine] = begins
+        return found
+
+
+def _are_in(number: _Ints, at_us: _Ints, numbers: _Ints, all_us: _Ints) -> NDArray[np.bool_]:
+    """Return (n,) whether pairs of a number and an instant are among others (k,)."""
+    pairs = np.stack([np.concatenate([numbers, number]), np.concatenate([all_us, at_us])])
+    _, rank = np.unique(pairs, axis=1, return_inverse=True)
+    rank = rank.reshape(-1)
+    return np.isin(rank[len(numbers) :], rank[: len(numbers)])
 
 
 def differences_of(
@@ -181,14 +233,14 @@ def differences_of(
     horizon_us: int,
     threads: int = 1,
     *,
-    waits: bool = True,
+    waits: FirstStops | None,
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
     setup : which the pieces were made with
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
-    waits : whether a track whose first leg stands still waits there before it departs
+    waits : the tracks that wait at their first waypoint before they depart; None: no track does
     """
     every = differences_with(setup, placed, tracks, horizon_us, threads, waits=waits)
     return every.take(np.flatnonzero(np.isin(every.track, tracks)))
@@ -201,7 +253,7 @@ def differences_with(
     horizon_us: int,
     threads: int = 1,
     *,
-    waits: bool = True,
+    waits: FirstStops | None,
     but: _Ints | None = None,
 ) -> Differences:
     """Return the delays within the horizon that bring tracks into contact with some objects, or these with others.
@@ -229,7 +281,7 @@ def differences_with(
     # The area second, else the larger number: the last digits of an answer depend on the order.
     turned = ~is_track[a] | (is_track[b] & (number[b] < number[a]))
     a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
-    stands = _first_leg_stands(pieces, number, np.flatnonzero(is_track)) if waits else np.zeros(len(pieces), np.bool_)
+    stands = np.zeros(len(pieces), np.bool_) if waits is None else waits.first_pieces(pieces, number)
     waits_a, waits_b = stands[a], stands[b]
     still = PieceRows(np.concatenate([a[waits_a], b[waits_b]]))
     passing = PieceRows(np.concatenate([b[waits_a], a[waits_b]]))
@@ -241,11 +293,13 @@ def differences_with(
             every,
             of_tracks.mirrored(),
             _while_waiting(
-                delays_of_pairs(setup.scene, prepared, number, still, passing, horizon_us, lasts=False, threads=threads)
+                delays_of_pairs(
+                    setup.scene, prepared, number, still, passing, horizon_us, stays="start", threads=threads
+                )
             ),
         ]
     )
-    if waits:
+    if waits is not None:
         # Nobody knows whether what could not be cut waits first.
         unknown = np.isin(every.track, number[is_track & (pieces.part == COVER)]) & (every.high >= 0)
         every = replace(every, high=np.where(unknown, 2 * FOREVER_US, every.high))
@@ -257,6 +311,9 @@ def waits_of(
 ) -> Differences:
     """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
 
+    The track waits as it is at the end of the leg before: its heading, haven and heights. At the first waypoint it
+    waits as it is at the start of the next leg. At the instant of departure both count.
+
     track : its number
     waypoint_us : when it reaches it
     """
@@ -267,10 +324,12 @@ def waits_of(
     pieces, number = placed.pieces, placed.number
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
-    first = after[pieces.start_us[after] == waypoint_us]
+    arriving, leaving = before[pieces.end_us[before] == waypoint_us], after[pieces.start_us[after] == waypoint_us]
+    stays: _End = "end" if arriving.size else "start"
+    stands = arriving if arriving.size else leaving
     within_us = setup.scene.time_separation_us
     planned = placed.pairs_within(before, within_us)
-    moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, first))
+    moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, stands))
     a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
     prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
@@ -279,7 +338,7 @@ def waits_of(
             as_planned(delays_of_pairs(setup.scene, prepared, number, *planned, 0, threads=threads)),
             delays_of_pairs(setup.scene, prepared, number, *moving, horizon_us, threads=threads),
             _while_waiting(
-                delays_of_pairs(setup.scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+                delays_of_pairs(setup.scene, prepared, number, *waiting, horizon_us, stays=stays, threads=threads)
             ),
         ]
     )
@@ -373,21 +432,10 @@ def sorted_keys(keys: Mapping[int, str], numbers: Iterable[int]) -> tuple[str, .
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 
 
-def _first_leg_stands(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
-    """Return (n,) whether pieces, among rows (m,) of tracks, are the first of one whose first leg stands still."""
-    first_us = np.full(len(rows), INFINITY_US)
-    _, track = np.unique(number[rows], return_inverse=True)
-    np.minimum.at(first_us, track, pieces.start_us[rows])
-    stands = (pieces.leg_start_deg[rows] == pieces.leg_end_deg[rows]).all(axis=1) & (pieces.part[rows] != COVER)
-    found = np.zeros(len(pieces), np.bool_)
-    found[rows] = stands & (pieces.start_us[rows] == first_us[track])
-    return found
-
-
 def _while_waiting(found: Differences) -> Differences:
-    """Return the delays at which tracks meet something before they depart.
+    """Return the delays at which tracks meet something while they wait.
 
-    found : when each first piece is met as it is at its start, as delays; negative: before the track exists
+    found : when each piece is met as it is while it waits, as delays; negative: before the wait begins
     """
     met = found.take(np.flatnonzero(found.high >= 0))
     is_known = met.inner_high > 0
@@ -408,15 +456,15 @@ def delays_of_pairs(
     b: PieceRows,
     horizon_us: int,
     *,
-    lasts: bool = True,
+    stays: _End | None = None,
     threads: int,
 ) -> Differences:
     """Return the delays within the horizon that bring pairs of pieces into contact, of those that some delay does.
 
-    lasts : whether a has its whole time, or stays what it is at its start
+    stays : a stays as it is at this end of its time; None: it has its whole time
     """
     parts = [
-        _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), horizon_us, lasts, threads)
+        _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), horizon_us, stays, threads)
         for rows in batches(len(a))
     ]
     return Differences.concatenate(parts)
@@ -434,12 +482,12 @@ def _of_some_pairs(
     a: PieceRows,
     b: PieceRows,
     horizon_us: int,
-    lasts: bool,
+    stays: _End | None,
     threads: int,
 ) -> Differences:
     pieces = prepared.pieces
     within_us = scene.time_separation_us
-    shifts, first, last = shifts_of(pieces, a, b, horizon_us + within_us, lasts=lasts)
+    shifts, first, last = shifts_of(pieces, a, b, horizon_us + within_us, stays=stays)
     zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
@@ -465,19 +513,20 @@ def _of_some_pairs(
 
 
 def shifts_of(
-    pieces: Pieces, a: PieceRows, b: PieceRows, horizon_us: int, *, lasts: bool = True
+    pieces: Pieces, a: PieceRows, b: PieceRows, horizon_us: int, *, stays: _End | None = None
 ) -> tuple[Shifts, _Ints, _Ints]:
     """Return pairs of pieces, each piece with a time of its own, and the first and last instant (n,) that b adds.
 
     Delays within the horizon are differences plus instant minus the zero of a. An area stands still at all instants of
     its span, a track only at its start.
 
-    lasts : whether a has its whole time, or stays what it is at its start
+    stays : a stays as it is at this end of its time; None: it has its whole time
     """
     still = pieces.kind[b] == Kind.AREA.code
-    zero = pieces.start_us[a]
+    # An end counts from itself: heights and places at it are exact then.
+    zero = pieces.end_us[a] if stays == "end" else pieces.start_us[a]
     first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
-    lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
+    lasts_s = (pieces.end_us[a] - zero) / 1e6 if stays is None else np.zeros(len(a))
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
     least, most = (

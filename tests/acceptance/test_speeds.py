@@ -3,14 +3,16 @@
 Changed copies of a track go through stages 2 to 4 (`shifting`), most of them near a reported end.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from corners import KEY, corner
 from shifting import is_forbidden, meets_when_changed, shifts_of, stretched, waiting
 from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, WORKLOADS, Workload, throw
 
-from conflictdb import Area, Scene, Speeds, Track, delays, speeds
+from conflictdb import Area, Scene, Speeds, Track, delays, solve, speeds
 
 # Steps from an end, by the planned speed.
 _NEAR = np.array([-1e-3, -1e-6, -1e-8, -1e-10, -1e-11, -1e-12, 0.0, 1e-12, 1e-11, 1e-10, 1e-8, 1e-6, 1e-3])
@@ -128,3 +130,40 @@ def test_no_wait_is_called_free_that_conflicts_nor_proven_that_is_free(workload:
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
 def test_many_waits(workload: Workload) -> None:
     assert checked_waits(workload, 40, 4, 1) > 5_000
+
+
+def checked_corners(seeds: range) -> tuple[int, int]:
+    """Compare waits at corners with detections; return the number of waits, and of those in conflict."""
+    count, conflicts = 0, 0
+    for seed in seeds:
+        scene, areas, tracks, waypoint = corner(seed)
+        rng = np.random.default_rng(seed)
+        [one] = (track for track in tracks if track.key == KEY)
+        rest = [track for track in tracks if track.key != KEY]
+        [found] = delays(tracks, areas, scene, KEY, 3600.0, waypoint=waypoint)
+        waits_us = shifts_of(found, 3_600_000_000, rng, 30)
+        waits_us = np.unique(np.append(waits_us[waits_us >= 0], np.linspace(0, 3_600_000_000, 25).astype(np.int64)))
+        # Copies of one owner are not compared with each other.
+        copies = [
+            replace(waiting(one, waypoint, wait), key=f"copy {n}", owner=one.owner or "copies", max_speed_kn=np.inf)
+            for n, wait in enumerate(waits_us.tolist())
+        ]
+        met = {key for pair in solve([*rest, *copies], areas, scene) for key in (pair.a_key, pair.b_key)}
+        meets = np.array([copy.key in met for copy in copies])
+        forbidden, proven = is_forbidden(found, waits_us)
+        case = f"corner {seed}, waypoint {waypoint}"
+        assert not (meets & ~forbidden).any(), f"free, but in conflict: {waits_us[meets & ~forbidden]}, {case}"
+        assert not (proven & ~meets).any(), f"proven, but free: {waits_us[proven & ~meets]}, {case}"
+        count, conflicts = count + len(waits_us), conflicts + int(meets.sum())
+    return count, conflicts
+
+
+def test_a_wait_at_a_corner_has_the_heading_haven_and_heights_of_the_leg_before() -> None:
+    count, conflicts = checked_corners(range(40))
+    assert count > 1_000
+    assert conflicts > 200
+
+
+@pytest.mark.slow
+def test_many_waits_at_corners() -> None:
+    checked_corners(range(1_000, 2_000))

@@ -60,6 +60,12 @@ def waits_first(name: str, one: Track) -> Track:
     return Track(name, np.insert(one.positions_deg, 0, one.positions_deg[0], axis=0), times_us, one.outline_m)
 
 
+def voyages(one: Track) -> Track:
+    """A track that departs again as soon as it has arrived, and once more an hour after that."""
+    first_us, last_us = one.times_us[[0, -1]].tolist()
+    return replace(one, departures_us=[first_us, last_us, 2 * last_us - first_us + HOUR_US], max_speed_kn=np.inf)
+
+
 @pytest.mark.parametrize("workload", [EQUATOR, OCEAN, SEAM, HARBOUR, GROWING_CIRCLES], ids=lambda one: one.name)
 @pytest.mark.parametrize("separation_m", [0.0, 5000.0])
 def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, separation_m: float) -> None:
@@ -71,6 +77,7 @@ def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, se
     first_us = min(int(one.times_us[0]) for one in tracks)
     with connect(dsn) as db:
         wait = [waits_first(f"WAITS {n}", one) for n, one in enumerate(tracks[:3])]
+        wait[2] = voyages(wait[2])
         known = stored(db, scene, areas, [*tracks, *wait])
         settings, areas, tracks = store.read_scene(db.connection, scene.name)
         assert known.state().is_current

@@ -32,6 +32,7 @@ def shifted(track: Track, shift_us: int, key: str | None = None) -> Track:
     }
     positions_deg = np.concatenate([track.positions_deg[:1], track.positions_deg])
     times_us = np.concatenate([track.times_us[:1], moved.times_us])
+    # Voyages, too, begin as planned.
     return replace(moved, positions_deg=positions_deg, times_us=times_us, max_speed_kn=np.inf, **more)
 
 
@@ -46,7 +47,7 @@ def with_outlines(track: Track) -> Track:
 
 
 def waiting(track: Track, waypoint: int, wait_us: int) -> Track:
-    """The track waiting that long at a waypoint, 1 the first, with the haven that it has there."""
+    """The track waiting that long at a waypoint, 1 the first, with the haven and the heights of the leg before."""
     if wait_us == 0:
         return track
     track, n = with_outlines(track), waypoint - 1
@@ -55,9 +56,11 @@ def waiting(track: Track, waypoint: int, wait_us: int) -> Track:
         for name in ("positions_deg", "outlines_m")
         if (values := getattr(track, name)) is not None
     }
-    for name in ("floors_m", "ceilings_m"):  # one per leg; waits at the height of the next leg
+    for name in ("floors_m", "ceilings_m"):
         if (values := getattr(track, name)) is not None:
-            more[name] = np.concatenate([values[: n + 1], values[n:]])
+            # One per waypoint, or one per leg.
+            kept = n + 1 if len(values) == len(track.times_us) or n == 0 else n
+            more[name] = np.concatenate([values[:kept], values[kept - 1 :]])
     times_us = np.concatenate([track.times_us[: n + 1], track.times_us[n:] + wait_us])
     return replace(track, times_us=times_us, max_speed_kn=np.inf, **more)
 

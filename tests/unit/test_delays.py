@@ -9,6 +9,7 @@ import shapely
 from shifting import meets_when_shifted
 
 from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
+from conflictdb.model.plans import Intervals
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000
@@ -200,6 +201,58 @@ def test_a_track_whose_first_leg_stands_still_waits_there() -> None:
     assert all(one.to_s < 0.0 for one in one_of(waiting, gone, within_s=20_000.0).forbidden)
     assert one_of(waiting, by, within_s=1000.0).forbidden == ()
     assert one_of(replace(waiting, floor_m=0.0), replace(by, ceiling_m=0.0), within_s=20_000.0).forbidden == ()
+
+
+@pytest.mark.parametrize("intervals", list(Intervals))
+def test_each_voyage_of_a_track_waits_at_its_first_waypoint(intervals: Intervals) -> None:
+    """Also of voyages that follow each other at once, with closed intervals."""
+    scene, there_s = replace(SCENE, intervals=intervals), 4000.0
+    loop = [(0.0, 0.0), (0.0, 0.0), (0.1, 0.0), (0.0, 0.0)]
+    departs_us = [T0_US + round(1e6 * s) for s in (0.0, 2.0 * there_s, 3.0 * there_s)]
+    times_us = [T0_US + round(1e6 * s) for s in (0.0, 600.0, 2000.0, there_s)]
+    ferry = Track("ferry", loop, times_us, [(0.0, 0.0)], departures_us=departs_us)
+    # It passes when the second voyage could wait; the third begins as the second ends.
+    for late_s in (2.0 * there_s + 2500.0, 3.0 * there_s + 3000.0):
+        passes_us = T0_US + round(1e6 * late_s)
+        by = Track("by", [(0.0, -0.01), (0.0, 0.01)], [passes_us, passes_us + 60_000_000], [(0.0, 0.0)])
+        found = one_of(ferry, by, key="ferry", scene=scene)
+        shifts_us = np.unique([round(1e6 * s) for s in range(-7200, 7201, 300)])
+        for shift_us in shifts_us.tolist():
+            met = bool(solve([*late_voyages(ferry, shift_us), by], [], scene))
+            is_forbidden = any(one.from_s <= shift_us / 1e6 <= one.to_s for one in found.forbidden)
+            assert met == is_forbidden, (late_s, shift_us)
+
+
+def late_voyages(track: Track, shift_us: int) -> list[Track]:
+    """Each voyage of a track that much later, as a track of one owner; it waits from its planned start on."""
+    since_us = track.times_us - track.times_us[0]
+    voyages = []
+    for n, departs_us in enumerate(track.departures_us or ()):
+        times_us, places = departs_us + shift_us + since_us, track.positions_deg
+        if shift_us > 0:
+            times_us, places = np.append(departs_us, times_us), np.concatenate([places[:1], places])
+        voyages.append(Track(f"voyage {n}", places, times_us, track.outline_m, owner="one"))
+    return voyages
+
+
+def test_a_stop_across_the_antimeridian_is_a_stop() -> None:
+    """-180 and 180 degrees are one place; so are all longitudes of a pole."""
+    times_us = [T0_US, T0_US + 10**9, T0_US + 10**10]
+    stops = Track("stops", [(180.0, 0.0), (-180.0, 0.0), (-179.0, 0.0)], times_us, [(0.0, 0.0)])
+    assert one_of(stops, key="stops").waits
+    by = Track("by", [(180.0, -0.1), (180.0, 0.1)], [T0_US + 2 * 10**9, T0_US + 3 * 10**9], [(0.0, 0.0)])
+    [found] = one_of(stops, by, key="stops").forbidden
+    assert found.to_s == 7200.0
+
+
+def test_a_short_window_of_departure_is_no_stop() -> None:
+    """Its derived haven begins with a part that stands still; the voyage does not."""
+    tolerances = {"departure_window": [T0_US, T0_US + 4000]}
+    sails = Track("sails", [(0.0, 0.0), (1.0, 0.0)], [T0_US, T0_US + 10**10], [(0.0, 0.0)], tolerances=tolerances)
+    by = Track("by", [(0.0, -0.1), (0.0, 0.1)], [T0_US + 2 * 10**9, T0_US + 3 * 10**9], [(0.0, 0.0)])
+    found = one_of(sails, by, key="sails")
+    assert not found.waits
+    assert all(each.to_s < 4000.0 for each in found.forbidden)
 
 
 def test_an_area_at_the_first_waypoint_forbids_every_departure_from_when_it_is_there() -> None:

@@ -127,6 +127,7 @@ from conflictdb.db.store.service import (
 from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
 from conflictdb.db.store.snapshot_readers import Shared, firsts, numbered, query, require_state, shared_snapshot
 from conflictdb.db.store.stored_differences import (
+    first_stops,
     forget_differences,
     pieces_near,
     stored_delays,

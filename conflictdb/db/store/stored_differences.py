@@ -14,6 +14,7 @@ from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many
 from conflictdb.model.results import Delays, Forbidden
+from conflictdb.stages.delays import FirstStops
 from conflictdb.stages.pair_differences import PairDifferences
 
 _Ints = NDArray[np.int64]
@@ -38,6 +39,13 @@ def pieces_near(
     """
     piece_ids, pieces, compared = call(conn, "_pieces_near", scene_id, objects.tolist(), horizon_us)
     return copy_binary.int8_array(piece_ids), int(pieces), int(compared)
+
+
+def first_stops(conn: psycopg.Connection[Any], scene_id: int, objects: _Ints) -> FirstStops:
+    """Return the tracks, of some objects by number, whose first leg stands still."""
+    rows = call_many(conn, "_first_stops", scene_id, objects.tolist())
+    number = np.repeat(np.array([row[0] for row in rows], np.int64), [len(row[1]) for row in rows])
+    return FirstStops(number, np.array([one for row in rows for one in row[1]], np.int64))
 
 
 def write_differences(conn: psycopg.Connection[Any], scene_id: int, found: PairDifferences) -> None:
