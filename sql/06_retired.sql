@@ -7,6 +7,7 @@ DECLARE
     -- Name, parameters and columns of the result of public routines, e.g. 'conflicts_of(p_scene, p_key, a_key, b_key)'.
     c_retired CONSTANT text[] := ARRAY[
         'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
+        'admit(p_scene, p_plans, p_owner, p_allow_known, admitted, conflicts, request_id)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '

@@ -253,32 +253,39 @@ COMMENT ON FUNCTION _meetings(bigint, bigint[], bigint[]) IS
 'Stages 1 and 2 of objects of a scene with all others, as they are stored, detected or not: pairs that may conflict. '
 'period: when they do, where that is certain; null: stages 3 and 4 must decide. b null: it may meet anything.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._check_owners_of(
-    p_scene_id bigint, p_plans jsonb, p_owner text
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_replaced(
+    p_scene_id bigint, p_plans jsonb, p_owner text, p_replace text[]
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_taken record;
 BEGIN
-    SELECT r.key, r.owner, p.owner AS given INTO v_taken
+    SELECT r.key, r.owner, p.owner AS given, coalesce(r.owner <> p.owner, r.owner IS NOT NULL) AS is_of_another
+        INTO v_taken
         FROM (SELECT g ->> 'key' AS key, coalesce(p_owner, g ->> 'owner') AS owner
               FROM jsonb_array_elements(p_plans) g) p
         JOIN _replaced_objects(p_scene_id, ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g), NULL) r
             ON r.key = p.key
-        WHERE r.owner IS NOT NULL AND r.owner IS DISTINCT FROM p.owner LIMIT 1;
-    IF FOUND THEN
+        WHERE CASE WHEN r.owner IS DISTINCT FROM p.owner AND r.owner IS NOT NULL THEN true
+                   ELSE (r.key = ANY (p_replace) OR r.owner = p_owner) IS NOT TRUE END
+        ORDER BY is_of_another DESC, r.key LIMIT 1;
+    IF FOUND AND v_taken.is_of_another THEN
         FOUND := _raise('ZC007', format('plan %L', v_taken.key), 'key',
                         format('belongs to owner %L; got owner %s', v_taken.owner, quote_nullable(v_taken.given)),
                         'plan_key_owned', 'Choose another key.');
+    ELSIF FOUND THEN
+        FOUND := _raise('ZC007', format('plan %L', v_taken.key), 'key', 'belongs to an object of the scene',
+                        'plan_key_taken', format('p_replace => ARRAY[%L] puts the plan in its place.', v_taken.key));
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_owners_of(bigint, jsonb, text) IS
-'Raises ZC007 for a plan with the key of an object of another owner.';
+COMMENT ON FUNCTION _check_replaced(bigint, jsonb, text, text[]) IS
+'Raises ZC007 for a plan with the key of a stored object that it may not replace: of another owner, or neither of '
+'p_owner nor in p_replace.';
 
 CREATE OR REPLACE FUNCTION admit(
     p_scene text, p_plans jsonb, p_owner text DEFAULT NULL, p_allow_known boolean DEFAULT false,
-    OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint
+    p_replace text[] DEFAULT '{}', OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Planning takes as long as the rest: once per session.
@@ -297,7 +304,7 @@ BEGIN
     SELECT jsonb_agg(CASE WHEN p_owner IS NULL THEN g ELSE g || jsonb_build_object('owner', p_owner) END ORDER BY n),
            array_agg(g ->> 'key')
         INTO v_plans, v_keys FROM jsonb_array_elements(p_plans) WITH ORDINALITY p (g, n);
-    PERFORM _check_owners_of(v_scene_id, v_plans, NULL);
+    PERFORM _check_replaced(v_scene_id, v_plans, p_owner, p_replace);
     SELECT coalesce(array_agg(r.key), '{}') INTO v_replaced FROM _replaced_objects(v_scene_id, v_keys, p_owner) r;
     BEGIN
         -- Put first, so that rows are checked and compared as they are stored. An object that stays of its kind is
@@ -328,19 +335,21 @@ BEGIN
         admitted := NULL;
         conflicts := '[]';
         PERFORM _prune_probes();
-        INSERT INTO probe_request AS q (scene_id, object_kind, plans, owner, allow_known)
-            VALUES (v_scene_id, 0, v_plans, p_owner, p_allow_known) RETURNING q.probe_id INTO request_id;
+        INSERT INTO probe_request AS q (scene_id, object_kind, plans, owner, allow_known, replace)
+            VALUES (v_scene_id, 0, v_plans, p_owner, p_allow_known, coalesce(p_replace, '{}'))
+            RETURNING q.probe_id INTO request_id;
         PERFORM _wake_workers();
     END IF;
 END
 $$;
-COMMENT ON FUNCTION admit(text, jsonb, text, boolean) IS
+COMMENT ON FUNCTION admit(text, jsonb, text, boolean, text[]) IS
 'Puts plans into a scene only if they conflict with nobody, detected or not; admissions of a scene take turns until '
 'their transactions end. p_plans: a JSON array of objects with the parameters of put_area (a footprint) or put_track '
 '(a path, and times if it is a plain line) by their names; geometries as GeoJSON or text. p_owner: the plans belong to '
-'it, take the place of all that it has, and are not compared with each other. p_allow_known: as in Python. admitted: '
-'whether they were put; null: stages 3 and 4 must decide. Then commit, and call wait_for_admission(request_id): a '
-'worker admits them. conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
+'it, take the place of all that it has, and are not compared with each other. p_replace: keys of other stored objects '
+'that plans of the same key may replace (else ZC007). p_allow_known: as in Python. admitted: whether they were put; '
+'null: stages 3 and 4 must decide. Then commit, and call wait_for_admission(request_id): a worker admits them. '
+'conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_as_json(
     p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange
@@ -397,13 +406,13 @@ END;
 COMMENT ON FUNCTION _may_admit(name, bigint) IS 'Whether a role may change a scene, at this time.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._requested_admission(p_probe_id bigint)
-RETURNS TABLE (owner text, allow_known boolean)
+RETURNS TABLE (owner text, allow_known boolean, replace text[])
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
-    SELECT p.owner, p.allow_known FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL;
+    SELECT p.owner, p.allow_known, p.replace FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL;
 END;
 COMMENT ON FUNCTION _requested_admission(bigint) IS 
-'Owner and option of a request of the function admit; no row for others.';
+'Owner and options of a request of the function admit; no row for others.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_requested(p_probe_id bigint) RETURNS text[]
 LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
@@ -442,5 +451,7 @@ COMMENT ON COLUMN probe_request.plans IS 'Admission: the plans, as in the functi
 COMMENT ON COLUMN probe_request.owner IS 'Admission: the owner of the plans; null: none, or no admission.';
 COMMENT ON COLUMN probe_request.allow_known IS
 'Admission: whether conflicts are allowed that the objects in the place of the plans had before.';
+COMMENT ON COLUMN probe_request.replace IS
+'Admission: keys of stored objects that plans of the same key may replace; null for other requests.';
 COMMENT ON COLUMN probe_request.admission IS
 'Admission: the reply, admitted and conflicts; null for other requests, or while it waits.';

@@ -1,7 +1,7 @@
 """Admit plans to a scene of the database: put them only if they conflict with nobody."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace as changed
 from typing import Any, Final
 
 import psycopg
@@ -24,17 +24,18 @@ def admit(
     owner: str | None,
     *,
     allow_known: bool,
+    replace: Collection[str],
     lock_timeout_s: float | None,
 ) -> Admission:
     """Put plans unless they conflict with anybody; see `StoredScene.admit`."""
-    given = [one if owner is None else replace(one, owner=owner, **_unlimited(one)) for one in plans]
+    given = [one if owner is None else changed(one, owner=owner, **_unlimited(one)) for one in plans]
     store.require_writable(conn)
     with store.admission(conn, scene, lock_timeout_s) as (number, stored, limits):
         limits.check(given)
         setup = Setup.of(centred(stored, *by_kind(given)))
         mine = Members.of_plans(setup, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
-        _check_owners(given, replaced)
+        _check_replaced(given, replaced, owner, replace)
         others = members_near(conn, number, setup, mine, given, replaced)
         found = _conflicts(setup, mine, others, among=owner is None)
         known: list[Conflict] = []
@@ -50,13 +51,24 @@ def admit(
     return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
 
 
-def _check_owners(plans: Sequence[Area | Track], replaced: Sequence[store.StoredObject]) -> None:
-    """Raise InvalidInput for a plan with the key of an object of another owner."""
+def _check_replaced(
+    plans: Sequence[Area | Track], stored: Sequence[store.StoredObject], owner: str | None, named: Collection[str]
+) -> None:
+    """Raise InvalidInput for a plan with the key of a stored object that it may not replace.
+
+    stored : objects with the keys of the plans, and those of `owner`
+    """
     owners = {one.key: one.owner for one in plans}
-    for one in replaced:
-        if one.owner is not None and owners.get(one.key, one.owner) != one.owner:
-            rule = f"belongs to owner {one.owner!r}; got owner {owners[one.key]!r}"
-            raise InvalidInput(f"plan {one.key!r}", "key", f"{rule}: choose another key")
+    for one in stored:
+        if one.key not in owners:
+            continue
+        if one.owner is not None and owners[one.key] != one.owner:
+            rule = f"belongs to owner {one.owner!r}; got owner {owners[one.key]!r}: choose another key"
+        elif one.key not in named and (one.owner is None or one.owner != owner):
+            rule = "belongs to an object of the scene: name it in replace to put the plan in its place"
+        else:
+            continue
+        raise InvalidInput(f"plan {one.key!r}", "key", rule)
 
 
 def _unlimited(plan: Area | Track) -> dict[str, Any]:

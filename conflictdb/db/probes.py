@@ -191,7 +191,9 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
     return number is not None
 
 
-def _admit(conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | None, allow_known: bool) -> None:
+def _admit(
+    conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | None, allow_known: bool, replaceable: list[str]
+) -> None:
     """Admit the plans of a request, in the open transaction."""
     probe_id, scene_id = number
     scene = store.read_settings(conn, scene_id).name
@@ -199,7 +201,15 @@ def _admit(conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | 
     store.answer_admission(
         conn,
         probe_id,
-        admit(conn, scene, plans, owner, allow_known=allow_known, lock_timeout_s=_WAITS_FOR_ADMISSION_S),
+        admit(
+            conn,
+            scene,
+            plans,
+            owner,
+            allow_known=allow_known,
+            replace=replaceable,
+            lock_timeout_s=_WAITS_FOR_ADMISSION_S,
+        ),
     )
 
 

@@ -70,7 +70,7 @@ class Index:
         self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
         self._scene = scene or Scene("in memory")
         self._lock = threading.Lock()
-        self._owners: dict[str, _Owner] = {}
+        self._owners: dict[_Name, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
         self._cut = _LastCut()
@@ -84,7 +84,7 @@ class Index:
         """Return the number of plans."""
         return len(self._owner_of)
 
-    def put(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> None:
+    def put(self, plans: Plan | Sequence[Plan], owner: str | None = None, *, replace: Sequence[str] = ()) -> None:
         """Add the plans of an owner, in place of those it had.
 
         Parameters
@@ -92,33 +92,44 @@ class Index:
         plans : Area or Track, or a sequence of them
         owner : str, optional
             By default each plan is its own owner, named by its key.
+        replace : sequence of str
+            Keys of plans without an owner that plans of the same key may replace.
 
         Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane or the limits, and for
-        keys that occur twice or belong to another owner.
+        keys that occur twice, belong to another owner, or are of a plan that `replace` does not name.
         """
         given = listed("put", plans)
         check_word("put", "owner", owner)
+        replaceable = inputs.keys("put", "replace", replace)
         check_keys(one.key for one in given)
         self._limits.check(given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
         mine = self._cut.members(Setup.of(self._scene), given)
-        names = [one.key if owner is None else owner for one in given]
-        owners = {name: _Owner(name) for name in names}
+        names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
+        # Plans that are their own owners may state another, as in a scene.
+        stated = [one.owner if owner is None else owner for one in given]
+        owners = {name: _Owner(name, of) for name, of in zip(names, stated, strict=True)}
         objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
         for item in objects:
             item.owner.keys.append(item.plan.key)
         added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
         with self._lock:
             # Plans that are their own owners may take the place of several owners.
-            former = [self._owners[name] for name in dict.fromkeys(names) if name in self._owners]
-            for one, name in zip(given, names, strict=True):
+            former = {name: self._owners[name] for name in names if name in self._owners}
+            for one, of in zip(given, stated, strict=True):
                 known = self._owner_of.get(one.key)
-                if known is not None and known.name != name:
-                    rule = f"belongs to owner {known.name!r}; got owner {name!r}"
-                    raise InvalidInput(f"plan {one.key!r}", "key", f"{rule}: keys must be unique")
+                if known is None or (owner is not None and known.name == _Name(owner)):
+                    continue
+                if not known.name.is_key or known.stated not in (None, of):
+                    rule = f"belongs to owner {known.stated!r}; got owner {of!r}: keys must be unique"
+                    raise InvalidInput(f"plan {one.key!r}", "key", rule)
+                if one.key not in replaceable:
+                    rule = "belongs to a plan of the index: name it in replace to put the plan in its place"
+                    raise InvalidInput(f"plan {one.key!r}", "key", rule)
+                former[known.name] = known
             number = self._state.number + 1
-            self._forget(former, number)
+            self._forget([*former.values()], number)
             self._owners |= owners
             self._owner_of |= {item.plan.key: item.owner for item in objects}
             self._state = self._state.with_plans(self._scene, added, number, len(self))
@@ -128,19 +139,20 @@ class Index:
         if not isinstance(owner, str):
             raise InvalidInput("remove", "owner", f"must be a text; got {owner!r:.60}")
         with self._lock:
-            known = self._owners.get(owner)
-            if known is None:
+            names = (_Name(owner), _Name(owner, is_key=True))
+            known = [self._owners[name] for name in names if name in self._owners]
+            if not known:
                 return False
             number = self._state.number + 1
-            self._forget([known], number)
+            self._forget(known, number)
             self._state = self._state.without_dead(self._scene, number, len(self))
         return True
 
     def probe(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> Results[Conflict]:
         """Return the conflicts that plans have with those of other owners, without adding them.
 
-        They are compared with what is there in place of the plans of their owner and of the same keys. If the scene has
-        `nearest_m`, near pairs are returned too. Rows are as those of `solve`.
+        The plans replace all plans of their owner, and plans of the same keys whoever owns them: `put` may refuse what
+        `probe` finds free. If the scene has `nearest_m`, near pairs are returned too. Rows are as those of `solve`.
 
         owner : by default each plan is its own owner: they are compared with each other, too
         """
@@ -164,7 +176,7 @@ class Index:
             seen = {
                 k: one
                 for k, one in ((k, put.objects[k]) for k in set(of))
-                if state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != owner)
+                if state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != _Name(owner))
             }
             plans_of |= {one.plan.key: one.plan for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
@@ -184,14 +196,23 @@ class Index:
                 del self._owner_of[key]
 
 
+class _Name(NamedTuple):
+    """The name of an owner; is_key : of a plan that is its own owner, whose name is its key."""
+
+    text: str
+    is_key: bool = False
+
+
 @dataclass(slots=True, eq=False)
 class _Owner:
     """An owner as it was put once.
 
+    stated : owner that its plans state; None: none
     ended : number of the state that no longer shows its plans
     """
 
-    name: str
+    name: _Name
+    stated: str | None = None
     keys: list[str] = field(default_factory=list)
     ended: int | None = None
 

@@ -6,7 +6,7 @@ position, a height, is ignored.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Protocol, TypeAlias
 
@@ -187,6 +187,13 @@ def count(who: str, field: str, given: int, least: int) -> int:
     if not _is_whole(given) or given < least:
         raise InvalidInput(who, field, f"must be a whole number, {least} or more; got {given!r:.60}")
     return int(given)
+
+
+def keys(who: str, field: str, given: Collection[str]) -> frozenset[str]:
+    """Return keys of objects; raises InvalidInput."""
+    if isinstance(given, str) or not isinstance(given, Collection) or not all(isinstance(one, str) for one in given):
+        raise InvalidInput(who, field, f"must be a sequence of keys, which are texts; got {given!r:.60}")
+    return frozenset(given)
 
 
 def heights_m(who: str, field: str, given: Heights) -> NDArray[np.float64]:

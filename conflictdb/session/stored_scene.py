@@ -401,13 +401,14 @@ class StoredScene:
         owner: str | None = None,
         *,
         allow_known: bool = False,
+        replace: Sequence[str] = (),
         lock_timeout_s: float | None = None,
     ) -> Admission:
         """Put plans into the scene only if they conflict with nobody; return whether they were put, and the conflicts.
 
         Of several sessions that admit plans which exclude each other, exactly one succeeds: admissions of a scene take
         turns, until their transactions end. Plans are compared with all objects as they are committed, detected or not.
-        Objects with the keys of the plans are replaced, as in `probe`. Grazing and unresolved pairs count as conflicts.
+        Grazing and unresolved pairs count as conflicts.
 
         Parameters
         ----------
@@ -416,6 +417,8 @@ class StoredScene:
         owner : str, optional
             The owner of the plans. They take the place of all objects that it has in the scene, and are compared with
             those of others only.
+        replace : sequence of str
+            Keys of stored objects that plans of the same key may replace. Objects of `owner` need not be named.
         allow_known : bool
             Put plans in spite of conflicts that the objects they replace had before: with the same objects, at least
             as long and as severe.
@@ -427,20 +430,27 @@ class StoredScene:
         ------
         InvalidInput
             The scene does not exist, its plane cannot contain a plan, a plan is beyond a limit of the database, or a
-            key belongs to another owner.
+            key belongs to another owner, or to an object that `replace` does not name.
         LockTimeout
             Another admission did not end in time.
         """
         plans = _plans("admit", plan)
         if owner is not None and (not isinstance(owner, str) or not owner):
             raise InvalidInput("admit", "owner", f"must be a non-empty string, or absent; got {owner!r:.60}")
+        named = inputs.keys("admit", "replace", replace)
         if lock_timeout_s is not None:
             inputs.seconds("admit", "lock_timeout_s", lock_timeout_s)
         # Imported here: the stages are slow to import.
         from conflictdb.db import admission
 
         return admission.admit(
-            self.connection, self.name, plans, owner, allow_known=allow_known, lock_timeout_s=lock_timeout_s
+            self.connection,
+            self.name,
+            plans,
+            owner,
+            allow_known=allow_known,
+            replace=named,
+            lock_timeout_s=lock_timeout_s,
         )
 
     def delays(

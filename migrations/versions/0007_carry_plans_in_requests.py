@@ -1,19 +1,26 @@
 """Requests to workers carry plans as they are written."""
 
+from alembic import op
+
 revision = "0007"
 down_revision = "0006"
 branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1032c3e3a742c68cacb91129a62825c79d071cf5d1f6e1a348d067c036f9eba8"
+routines_sha256 = "5af46591a7c3608bde30cd0f044d8a04240742c87dc8e192efc29846f20db244"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
 
 
+REQUESTS = """
+ALTER TABLE conflictdb.probe_request ADD COLUMN IF NOT EXISTS replace text[];
+"""
+
+
 def upgrade() -> None:
-    pass
+    op.execute(REQUESTS)
 
 
 def downgrade() -> None:

@@ -61,24 +61,48 @@ def test_plans_with_an_owner_are_not_compared_with_each_other(city: StoredScene)
             city.admit(square("3", 0.6), owner=owner)
     assert city.admit(replace(square("1", 0.0), owner="f"))  # and without taking the place of anything
     assert keys(city) == ["1", "3", "4"]
-    assert city.admit(replace(flight("3", 0.3), owner="f"))  # an area becomes a track
+    assert city.admit(replace(flight("3", 0.3), owner="f"), replace=["3"])  # an area becomes a track
     assert [(one.key, one.kind) for one in city.objects()] == [("1", "area"), ("3", "track"), ("4", "track")]
+
+
+def test_a_stored_key_must_be_named(city: StoredScene) -> None:
+    """A flight with the key of a fence does not remove the fence; one of another owner is refused, named or not."""
+    city.put([square("fence", 0.0), square("theirs", 0.3, owner="them")])
+    for owner, named, rule in (
+        (None, (), "plan 'fence': key: belongs to an object of the scene: name it in replace"),
+        ("me", ("theirs",), "belongs to an object of the scene"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            city.admit(flight("fence", 0.605), owner, replace=named)
+    for owner, named in ((None, ()), ("me", ()), (None, ["theirs"]), ("me", ["theirs"])):
+        with pytest.raises(InvalidInput, match="plan 'theirs': key: belongs to owner 'them'"):
+            city.admit(flight("theirs", 0.605), owner, replace=named)
+    with pytest.raises(InvalidInput, match="belongs to an object of the scene"):
+        city.admit(replace(square("theirs", 0.605), owner="them"))
+    for wrong in ("fence", [5], None):
+        with pytest.raises(InvalidInput, match="admit: replace: must be a sequence of keys"):
+            city.admit(flight("fence", 0.605), replace=wrong)  # type: ignore[arg-type]
+    assert [(one.key, one.kind) for one in city.objects()] == [("fence", "area"), ("theirs", "area")]
+    assert city.admit(flight("fence", 0.605), "me", replace=["fence", "unknown"])
+    assert city.admit(square("theirs", 0.605, (2.0, 3.0)), "them")
+    assert city.admit(replace(square("theirs", 0.3), owner="them"), replace={"theirs"})
+    assert [(one.key, one.kind) for one in city.objects()] == [("theirs", "area"), ("fence", "track")]
 
 
 def test_a_changed_plan_says_which_conflicts_are_new(city: StoredScene) -> None:
     """Those before may be allowed: with the same objects, at most as long and as severe."""
     city.put([square("a", 0.0), square("b", 0.005), square("c", 0.03)])
-    assert not city.admit(square("a", 0.001))
-    later = city.admit(square("a", 0.001, (0.2, 0.9)), allow_known=True)
+    assert not city.admit(square("a", 0.001), replace=["a"])
+    later = city.admit(square("a", 0.001, (0.2, 0.9)), allow_known=True, replace=["a"])
     assert later
     assert [one.b_key for one in later.conflicts] == ["b"]
     assert later.new == []
-    longer = city.admit(square("a", 0.001, (0.1, 0.9)), allow_known=True)
+    longer = city.admit(square("a", 0.001, (0.1, 0.9)), allow_known=True, replace=["a"])
     assert not longer
     assert [one.b_key for one in longer.new] == ["b"]
-    moved = city.admit(square("a", 0.022, (0.2, 0.9)), allow_known=True)
+    moved = city.admit(square("a", 0.022, (0.2, 0.9)), allow_known=True, replace=["a"])
     assert [(one.a_key, one.b_key) for one in moved.new] == [("a", "c")]
-    assert city.admit(square("a", 0.1))
+    assert city.admit(square("a", 0.1), replace=["a"])
 
 
 def test_what_detections_have_not_seen_counts(city: StoredScene) -> None:
@@ -176,7 +200,7 @@ def test_separation_rules_apply(
     assert pairs == [(one.a_key, one.b_key, one.periods) for one in index.probe(plan)]
     # It takes the place of the plan, under no rule.
     other = replace(plan, object_class="bird")
-    assert bool(city.admit(other)) is not bool(solve([other], [area], scene))
+    assert bool(city.admit(other, replace=["d"])) is not bool(solve([other], [area], scene))
 
 
 def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,11 +108,12 @@ def test_known_conflicts_may_be_allowed(dsn: str, db: Database, city: StoredScen
     conn = db.connection
     city.put([square("a", 0.0), square("b", 0.005), square("c", 0.03)])
     later = square("a", 0.001, (0.2, 0.9))
-    assert asked(conn, later)[0] is False
-    _, _, request = asked(conn, later, p_allow_known=True)
+    mine = {"p_replace": ["a"]}
+    assert asked(conn, later, **mine)[0] is False
+    _, _, request = asked(conn, later, p_allow_known=True, **mine)
     admitted, conflicts = answered(dsn, request, conn)
     assert (admitted, pairs(conflicts), conflicts[0]["is_new"]) == (True, [("a", "b")], False)
-    _, _, request = asked(conn, square("a", 0.022, (0.2, 0.9)), p_allow_known=True)
+    _, _, request = asked(conn, square("a", 0.022, (0.2, 0.9)), p_allow_known=True, **mine)
     admitted, conflicts = answered(dsn, request, conn)
     assert (admitted, [(one["b_key"], one["is_new"]) for one in conflicts]) == (False, [("c", True)])
 
@@ -126,8 +127,42 @@ def test_an_owner_replaces_its_plans(db: Database, city: StoredScene) -> None:
     for owner in ("g", None):
         with pytest.raises(psycopg.Error, match="plan '3': key: belongs to owner 'f'"), conn.transaction():
             asked(conn, square("3", 0.6), p_owner=owner)
-    assert asked(conn, replace(flight("3", 0.3), owner="f"))[0]
+    assert asked(conn, replace(flight("3", 0.3), owner="f"), p_replace=["3"])[0]
     assert [(one.key, one.kind) for one in city.objects()] == [("3", "track"), ("4", "track")]
+
+
+def test_a_stored_key_must_be_named(dsn: str, db: Database, city: StoredScene) -> None:
+    """A flight with the key of a fence does not remove the fence; one of another owner is refused, named or not."""
+    conn = db.connection
+    city.put([square("fence", 0.0), square("theirs", 0.3, owner="them")])
+    conn.commit()
+    for given, rule in (
+        ({}, "plan 'fence': key: belongs to an object of the scene"),
+        ({"p_replace": None}, "belongs to an object of the scene"),
+        ({"p_owner": "me", "p_replace": ["other"]}, "belongs to an object of the scene"),
+    ):
+        with pytest.raises(psycopg.Error, match=rule) as caught, conn.transaction():
+            asked(conn, flight("fence", 0.605), **given)
+        assert caught.value.sqlstate == "ZC007"
+    for given in ({}, {"p_owner": "me"}, {"p_replace": ["theirs"]}, {"p_owner": "me", "p_replace": ["theirs"]}):
+        with pytest.raises(psycopg.Error, match="belongs to owner 'them'") as caught, conn.transaction():
+            asked(conn, flight("theirs", 0.605), **given)
+        assert caught.value.sqlstate == "ZC007"
+    with pytest.raises(psycopg.Error, match="belongs to an object of the scene"), conn.transaction():
+        asked(conn, replace(square("theirs", 0.605), owner="them"))
+    assert [(one.key, one.kind) for one in city.objects()] == [("fence", "area"), ("theirs", "area")]
+    assert asked(conn, flight("fence", 0.605), p_owner="me", p_replace=["fence", "unknown"])[0]
+    conn.commit()
+    # A worker keeps the named keys, and refuses objects that came meanwhile.
+    _, _, request = asked(conn, flight("near", 0.2994))
+    conn.commit()
+    city.put(square("near", 0.6))
+    with pytest.raises(psycopg.Error, match="belongs to an object of the scene") as caught:
+        answered(dsn, request, conn)
+    assert caught.value.sqlstate == "ZC016"
+    conn.rollback()
+    _, _, request = asked(conn, flight("near", 0.2994), p_replace=["near"])
+    assert answered(dsn, request, conn)[0] is not None
 
 
 @pytest.mark.parametrize(

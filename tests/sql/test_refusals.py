@@ -439,7 +439,7 @@ def test_an_inclusive_end_adds_no_microsecond_where_intervals_are_closed(
 def test_a_plan_without_times_is_told_to_give_them(scene: Conn, path: Any, plan: Any, rule: str, hint: str) -> None:
     given = {"key": "T", "path": path, "outline": "POLYGON((0 0,1 0,1 1,0 0))"} | plan
     with pytest.raises(psycopg.Error, match=rule) as refused:
-        scene.execute("SELECT admit('s', %s)", [json.dumps([given])])
+        scene.execute("SELECT admit('s', %s, p_replace => '{T}')", [json.dumps([given])])
     assert refused.value.sqlstate == "ZC002"
     assert re.search(hint, refused.value.diag.message_hint or "")
 

@@ -136,8 +136,8 @@ def test_an_index_knows_rules_and_owners(seed: int) -> None:
 PREFIXES = {f"{of} " for of in range(4)}
 
 
-def square(key: str, lon: float, **fields: float) -> Area:
-    return Area(key, [(lon, 0.0), (lon + 1.0, 0.0), (lon + 1.0, 1.0), (lon, 1.0)], **fields)
+def square(key: str, lon: float, **fields: float | str) -> Area:
+    return Area(key, [(lon, 0.0), (lon + 1.0, 0.0), (lon + 1.0, 1.0), (lon, 1.0)], **fields)  # type: ignore[arg-type]
 
 
 def test_plans_without_an_owner_are_their_own() -> None:
@@ -149,11 +149,43 @@ def test_plans_without_an_owner_are_their_own() -> None:
         ("c", "d"),
     ]
     assert [one.a_key for one in index.probe(square("b", 0.2))] == ["a"]
-    index.put(square("a", 40.0))
+    with pytest.raises(InvalidInput, match="plan 'a': key: belongs to a plan of the index: name it in replace"):
+        index.put(square("a", 40.0))
+    index.put(square("a", 40.0), replace=["a"])
     assert not index.probe(square("b", 0.2))
     assert index.remove("a")
     assert not index.remove("a")
     assert len(index) == 1
+
+
+def test_a_key_must_be_named_to_be_replaced() -> None:
+    """A flight does not take the place of a fence by its key, nor by an owner of that name."""
+    index = Index()
+    index.put([square("fence", 0.0), square("stated", 10.0, owner="them")])
+    index.put(square("owned", 20.0), owner="x")
+    for plan, owner, named, rule in (
+        (square("fence", 40.0), None, (), "belongs to a plan of the index"),
+        (square("fence", 40.0), "fence", ("owned",), "belongs to a plan of the index"),
+        (square("owned", 40.0), None, ("owned",), "belongs to owner 'x'"),
+        (square("owned", 40.0), "y", ("owned",), "belongs to owner 'x'"),
+        (square("stated", 40.0), "y", ("stated",), "belongs to owner 'them'; got owner 'y'"),
+        (square("stated", 40.0), None, ("stated",), "belongs to owner 'them'; got owner None"),
+        (square("stated", 40.0, owner="them"), None, (), "belongs to a plan of the index"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            index.put(plan, owner, replace=named)
+    with pytest.raises(InvalidInput, match="put: replace: must be a sequence of keys"):
+        index.put(square("fence", 40.0), replace="fence")
+    index.put(square("other", 30.0), owner="fence")
+    assert len(index) == 4
+    assert [one.a_key for one in index.probe(square("z", 0.5), owner="fence")] == ["fence"]
+    index.put(square("fence", 40.0), owner="mine", replace=["fence"])
+    assert not index.probe(square("z", 0.5))
+    index.put(square("owned", 50.0), owner="x")
+    index.put(square("stated", 60.0, owner="them"), replace=["stated"])
+    assert len(index) == 4
+    assert index.remove("mine")
+    assert len(index) == 3
 
 
 def test_many_changes_leave_little() -> None:

@@ -110,10 +110,10 @@ def read_objects(
     )
 
 
-def requested_admission(conn: psycopg.Connection[Any], probe_id: int) -> tuple[str | None, bool] | None:
-    """Return the owner and whether known conflicts are allowed, for a request to admit plans; None for others."""
+def requested_admission(conn: psycopg.Connection[Any], probe_id: int) -> tuple[str | None, bool, list[str]] | None:
+    """Return owner, whether known conflicts are allowed and replaceable keys of a request to admit; None for others."""
     rows = call_many(conn, "_requested_admission", probe_id)
-    return (rows[0][0], rows[0][1]) if rows else None
+    return rows[0] if rows else None
 
 
 def requested_plans(conn: psycopg.Connection[Any], probe_id: int, scene: str) -> list[Area | Track]:
