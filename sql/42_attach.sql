@@ -54,6 +54,27 @@ $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
 'Removes the schema conflictdb_attached. Runs as its owner. Restricted to a schema without objects.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._free_attached_name(p_attachment_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET client_min_messages = warning AS $$
+DECLARE
+    v_routine regprocedure;
+BEGIN
+    IF p_attachment_id IS DISTINCT FROM currval('attachment_attachment_id_seq')
+       OR NOT EXISTS (SELECT FROM attachment a WHERE a.attachment_id = p_attachment_id AND a.identity_columns = '{}') THEN
+        RETURN;
+    END IF;
+    FOR v_routine IN SELECT p.oid FROM pg_catalog.pg_proc p JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace
+                     WHERE n.nspname = 'conflictdb_attached'
+                           AND p.proname = format('rows_%s', p_attachment_id)::name LOOP
+        EXECUTE format('DROP ROUTINE %s CASCADE', v_routine);
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _free_attached_name(bigint) IS
+'Drops routines that another editor created under the name of the function of a new attachment, before that function '
+'is. Runs as its owner, who owns the schema. Restricted to the attachment that the session has just inserted.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_attached_owner(
     p_who text, p_table regclass, p_has_triggers boolean
 ) RETURNS void
@@ -352,6 +373,7 @@ BEGIN
                coalesce(p_every, CASE WHEN v_has_triggers THEN c_with_triggers ELSE c_without END)
         FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace WHERE c.oid = p_table
         RETURNING * INTO v_attachment;
+    PERFORM _free_attached_name(v_attachment.attachment_id);
     v_attachment.identity_columns := _create_attached_rows(v_who, v_attachment.attachment_id, v_kind, p_table, p_map);
     UPDATE attachment a SET identity_columns = v_attachment.identity_columns
         WHERE a.attachment_id = v_attachment.attachment_id;

@@ -25,6 +25,49 @@ END;
 COMMENT ON FUNCTION _is_mine(bigint) IS
 'Whether the current role owns the function that reads an attached table, and so may run it.';
 
+-- What the attaching role has read decides which rows a proposal moves, and whether a scene is current.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_attached_written() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_attachment_id bigint;
+BEGIN
+    IF pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
+        RETURN NULL; -- The owner of the tables may do everything, including restores and cascades.
+    END IF;
+    IF TG_OP <> 'DELETE' THEN
+        SELECT n.attachment_id INTO v_attachment_id FROM (SELECT DISTINCT x.attachment_id FROM new_rows x) n
+            WHERE NOT _is_mine(n.attachment_id) LIMIT 1;
+    END IF;
+    IF v_attachment_id IS NULL AND TG_OP <> 'INSERT' THEN
+        SELECT o.attachment_id INTO v_attachment_id FROM (SELECT DISTINCT x.attachment_id FROM old_rows x) o
+            JOIN attachment a USING (attachment_id) WHERE NOT _is_mine(o.attachment_id) LIMIT 1;
+    END IF;
+    IF v_attachment_id IS NOT NULL THEN
+        FOUND := _raise('42501', format('attachment %s', v_attachment_id), TG_TABLE_NAME,
+                        format('is written by role %I alone, which attached the table', _attaching_role(v_attachment_id)),
+                        'attached_by_role');
+    END IF;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_attached_written() IS
+'Trigger, once per statement: raises insufficient_privilege unless the current role attached the table of each row.';
+
+CREATE OR REPLACE TRIGGER attached_object_inserted AFTER INSERT ON attached_object REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE OR REPLACE TRIGGER attached_object_updated AFTER UPDATE ON attached_object
+    REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE OR REPLACE TRIGGER attached_object_deleted AFTER DELETE ON attached_object REFERENCING OLD TABLE AS old_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+-- Another role may add a note: the table is only read once more.
+CREATE OR REPLACE TRIGGER attached_change_updated AFTER UPDATE ON attached_change
+    REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE OR REPLACE TRIGGER attached_change_deleted AFTER DELETE ON attached_change REFERENCING OLD TABLE AS old_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._short_identity(p_identity text) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC

@@ -200,11 +200,20 @@ BEGIN
         FOUND := _raise('42501', format('proposal %s', NEW.proposal_id), 'moves',
                         'can be added only by the transaction that makes it', 'proposal_whole');
     END IF;
+    -- Who applies it reads the key, and the track or the rows of its attached table move.
+    IF TG_TABLE_NAME = 'proposal_move'
+       AND NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE')
+       AND NOT EXISTS (SELECT FROM track t, jsonb_populate_record(NULL::proposal_move, to_jsonb(NEW) - 'path' - 'planned')
+                       m WHERE t.track_id = m.track_id AND t.scene_id = m.scene_id AND t.key = m.key) THEN
+        FOUND := _raise('ZC011', format('proposal %s', NEW.proposal_id), 'moves',
+                        format('name track %L, which has another number', to_jsonb(NEW) ->> 'key'), 'proposal_of_track');
+    END IF;
     RETURN NEW;
 END
 $$;
 COMMENT ON FUNCTION _before_proposal_part() IS
-'Trigger: raises insufficient_privilege for a move of a proposal that another role or transaction has made.';
+'Trigger: raises insufficient_privilege for a move of a proposal that another role or transaction has made, ZC011 '
+'for a move whose number and key are of two tracks.';
 CREATE OR REPLACE TRIGGER proposal_move_made BEFORE INSERT ON proposal_move
     FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_part();
 ALTER TABLE proposal_move ENABLE ALWAYS TRIGGER proposal_move_made;

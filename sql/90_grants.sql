@@ -112,6 +112,7 @@ GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
 -- Attaching tables and taking their rows over. Writers of the tables need none of this.
 GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
+                          _free_attached_name,
                           _close_attached_schema, _map_expression, _create_attached_rows,
                           _create_attached_triggers, _create_note, _hold_attached, _attached_rows,
                           _attachment_failed, _begin_attached, _staged_tracks, _put_attached, _put_attached_by_halves,
@@ -132,7 +133,8 @@ GRANT INSERT (scene_id, goal, objective_s, bound_s, is_least, settings, last_ver
       UPDATE (applied_at, undone_at) ON proposal TO conflictdb_editor;
 GRANT INSERT, UPDATE (version_after) ON proposal_move TO conflictdb_editor;
 GRANT INSERT ON proposal_left TO conflictdb_editor;
-GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_proposal, _move_attached
+GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_proposal, _move_attached,
+                          _check_attached_rows
     TO conflictdb_editor;
 
 -- Workers write the derived tables.

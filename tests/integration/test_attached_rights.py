@@ -395,6 +395,133 @@ def test_notes_show_no_other_columns(conn: Conn, roles: dict[str, str]) -> None:
             conn.rollback()
 
 
+VOYAGES = """
+CREATE TABLE mission.fix (voyage text, n integer, at timestamptz, lon float, lat float);
+INSERT INTO mission.fix VALUES
+    ('E', 1, '2026-03-01 05:00Z', 0, 0), ('E', 2, '2026-03-01 06:00Z', 0.2, 0),
+    ('N', 1, '2026-03-01 05:00Z', 0.1, -0.1), ('N', 2, '2026-03-01 06:00Z', 0.1, 0.1),
+    ('far', 1, '2026-03-01 05:00Z', 9, 9), ('far', 2, '2026-03-01 06:00Z', 9.1, 9);
+"""
+VOYAGE_MAP = {
+    "key": "voyage",
+    "position": "ST_SetSRID(ST_MakePoint(lon, lat), 4326)",
+    "time": "at",
+    "order": "n",
+    **dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"), "100"),
+}
+TIMES = "SELECT voyage, n, at FROM mission.fix ORDER BY voyage, n"
+
+
+@pytest.fixture
+def proposal(conn: Conn, roles: dict[str, str]) -> int:
+    """Return a proposal that moves voyage E of a table that planner, an editor, has attached; scenes are protected."""
+    conn.execute("SELECT conflictdb.give_scene('s', %s)", [roles["planner"]])
+    conn.execute("SELECT conflictdb.share_scene('s', %s, 'write')", [roles["other"]])
+    conn.execute("SELECT conflictdb.protect_scenes()")
+    conn.commit()
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        conn.execute(VOYAGES.encode())
+        conn.commit()
+        db.scene("s").attach("track", "mission.fix", VOYAGE_MAP)
+    follow(conn, roles["planner"])
+    with connect(conn) as db:
+        db.scene("s").detect()
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        number = db.scene("s").resolve(keep=["N", "far"]).proposal_id
+    assert number is not None
+    return number
+
+
+def test_an_editor_moves_its_own_rows(conn: Conn, roles: dict[str, str], proposal: int) -> None:
+    """To apply a proposal with p_attached needs the rights of an editor and no more, and neither does undoing it."""
+    before = conn.execute(TIMES).fetchall()
+    conn.commit()
+    with acting(conn, roles["planner"]):
+        assert conn.execute("SELECT conflictdb.apply_proposal(%s, true)", [proposal]).fetchone() == (1,)
+        after = conn.execute(TIMES).fetchall()
+        assert {one for one, other in zip(after, before, strict=True) if one != other} == set(after[:2])
+        assert conn.execute("SELECT conflictdb.undo_proposal(%s, true)", [proposal]).fetchone() == (1,)
+        assert conn.execute(TIMES).fetchall() == before
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE conflictdb.attached_object SET identity = '{x}' WHERE key = 'E'",
+        "UPDATE conflictdb.attached_object SET hash = 0",
+        "UPDATE conflictdb.attached_object SET object_id = object_id + 1",
+        "DELETE FROM conflictdb.attached_object",
+        (
+            "INSERT INTO conflictdb.attached_object (attachment_id, identity, hash, key, reason) "
+            "SELECT attachment_id, '{y}', 0, 'y', 'none' FROM conflictdb.attachment"
+        ),
+        (
+            "INSERT INTO conflictdb.attached_change (attachment_id) SELECT attachment_id FROM conflictdb.attachment;"
+            "DELETE FROM conflictdb.attached_change"
+        ),
+        (
+            "INSERT INTO conflictdb.attached_change (attachment_id) SELECT attachment_id FROM conflictdb.attachment;"
+            "UPDATE conflictdb.attached_change SET identities = '{}'"
+        ),
+    ],
+)
+def test_only_the_attaching_role_writes_what_it_has_read(
+    conn: Conn, roles: dict[str, str], proposal: int, statement: str
+) -> None:
+    """An editor who may change the scene would make a proposal move another row, or changes of rows be missed."""
+    with acting(conn, roles["other"]):
+        with pytest.raises(psycopg.errors.InsufficientPrivilege, match="alone, which attached the table"):
+            conn.execute(statement.encode())
+        conn.rollback()
+
+
+def test_a_proposal_moves_the_track_that_it_names(conn: Conn, roles: dict[str, str], proposal: int) -> None:
+    """Its readers see keys, and routines move numbers: another editor cannot give the number of another track."""
+    copy = """
+        WITH made AS (INSERT INTO conflictdb.proposal
+            (scene_id, goal, objective_s, bound_s, is_least, settings, last_version, objects_hash)
+            SELECT scene_id, goal, objective_s, bound_s, is_least, settings, last_version, objects_hash
+            FROM conflictdb.proposal)
+        SELECT 1"""
+    move = """
+        INSERT INTO conflictdb.proposal_move
+            (proposal_id, scene_id, track_id, key, version, planned, path, delay_s, speed, clears, passes, explanation)
+        SELECT (SELECT max(proposal_id) FROM conflictdb.proposal), m.scene_id, t.track_id, m.key, t.version, t.path,
+               t.path, m.delay_s, 1, m.clears, m.passes, m.explanation
+        FROM conflictdb.proposal_move m JOIN conflictdb.track t ON t.key = '{}'"""
+    with acting(conn, roles["other"]):
+        conn.execute(copy)
+        conn.execute(move.format("E").encode())
+        with pytest.raises(psycopg.Error, match="name track 'E', which has another number"):
+            conn.execute(move.format("far").encode())
+        conn.rollback()
+
+
+def test_names_of_attachments_cannot_be_taken(conn: Conn, roles: dict[str, str]) -> None:
+    """Another editor may create functions in the schema of those that read tables."""
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        first = db.scene("s").attach("area", "mission.ops", MAP)
+    with acting(conn, roles["other"]):
+        for number in range(1, 5):
+            for arguments in ("text[], text", "text[], text, integer", ""):
+                conn.execute(
+                    f"CREATE FUNCTION conflictdb_attached.rows_{first + number}({arguments}) "
+                    "RETURNS integer LANGUAGE sql AS 'SELECT 1'".encode()
+                )
+    with acting(conn, roles["planner"]), connect(conn) as db:
+        conn.execute("CREATE TABLE mission.more (id integer, shape geometry)")
+        conn.commit()
+        assert db.scene("s").attach("area", "mission.more", MAP) == first + 1
+        # Restricted to the new attachment.
+        conn.execute("SELECT conflictdb_internal._free_attached_name(%s)", [first])
+        conn.execute("SELECT conflictdb_internal._free_attached_name(%s)", [first + 1])
+        conn.execute("SELECT conflictdb_internal._free_attached_name(%s)", [first + 2])
+    names = conn.execute(
+        "SELECT proname, count(*) FROM pg_proc WHERE pronamespace = 'conflictdb_attached'::regnamespace GROUP BY 1"
+    ).fetchall()
+    assert dict(names) == {f"rows_{first + number}": 1 if number < 2 else 3 for number in range(5)}
+
+
 def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str, str]) -> None:
     """An editor who writes numbers of other objects into attached_object changes nothing in other scenes."""
     conn.execute("SELECT conflictdb.create_scene('hers')")
