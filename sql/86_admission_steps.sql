@@ -163,6 +163,55 @@ COMMENT ON FUNCTION _objects_near(
 'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
 'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._span_of(p_text text) RETURNS tstzrange
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_parts text[] := regexp_match(p_text, '^\s*([[(])\s*"?([^",]*?)"?\s*,\s*"?([^",]*?)"?\s*([])])\s*$');
+    v_ends timestamptz[];
+BEGIN
+    IF v_parts IS NULL THEN
+        RAISE EXCEPTION 'span: %: must be [start, end), with an empty end where it is unbounded',
+            quote_literal(left(p_text, 100)) USING ERRCODE = 'ZC003';
+    END IF;
+    -- A cast of the whole would read instants without offset in the time zone of the session, and 'now'.
+    SELECT array_agg(CASE WHEN e ~ '^-?infinity$' THEN e::timestamptz WHEN e <> '' THEN instant(e) END ORDER BY n)
+        INTO v_ends FROM unnest(v_parts[2:3]) WITH ORDINALITY u (e, n);
+    RETURN tstzrange(v_ends[1], v_ends[2], v_parts[1] || v_parts[4]);
+END
+$$;
+COMMENT ON FUNCTION _span_of(text) IS
+'Parses the text of a tstzrange whose instants have an offset (instant); raises ZC003 for any other text.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._spans_of(p_text text) RETURNS tstzmultirange
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_text !~ '^\s*\{\s*([[(][^][()]*[])](\s*,\s*[[(][^][()]*[])])*)?\s*\}\s*$' THEN
+        RAISE EXCEPTION 'spans: %: must be {[start, end), [start, end), ...}', quote_literal(left(p_text, 100))
+            USING ERRCODE = 'ZC003';
+    END IF;
+    RETURN coalesce((SELECT range_agg(_span_of(m[1])) FROM regexp_matches(p_text, '[[(][^][()]*[])]', 'g') m), '{}');
+END
+$$;
+COMMENT ON FUNCTION _spans_of(text) IS
+'Parses the text of a tstzmultirange whose instants have an offset (_span_of); raises ZC003 for any other text.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._instants_of(p_instants jsonb) RETURNS timestamptz[]
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF jsonb_typeof(p_instants) = 'null' THEN
+        RETURN NULL;
+    END IF;
+    IF jsonb_typeof(p_instants) <> 'array' THEN
+        RAISE EXCEPTION 'instants: %: must be a JSON array', quote_literal(left(p_instants::text, 100))
+            USING ERRCODE = 'ZC003';
+    END IF;
+    RETURN ARRAY(SELECT instant(coalesce(e #>> '{}', 'null'))
+                 FROM jsonb_array_elements(p_instants) WITH ORDINALITY u (e, n) ORDER BY n);
+END
+$$;
+COMMENT ON FUNCTION _instants_of(jsonb) IS
+'Parses a JSON array of instants with an offset (instant); null for null. Raises ZC003 for anything else.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._plans_of(p_plans jsonb) RETURNS TABLE (
     key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
     outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
@@ -178,14 +227,17 @@ BEGIN
     FOR v_given IN SELECT g FROM jsonb_array_elements(p_plans) g LOOP
         v_who := format('plan %L', v_given ->> 'key');
         BEGIN
-            SELECT p.* INTO key, name, footprint, active_span, path, times, outline, outlines, floor_m, ceiling_m,
-                            floors_m, ceilings_m, grow_mps, properties, class, owner, activations, departures, schedule,
-                            tolerances
+            SELECT p.key, p.name, p.footprint, _span_of(p.active_span), p.path, _instants_of(p.times), p.outline,
+                   p.outlines, p.floor_m, p.ceiling_m, p.floors_m, p.ceilings_m, p.grow_mps, p.properties, p.class,
+                   p.owner, _spans_of(p.activations), _instants_of(p.departures), p.schedule, p.tolerances
+                INTO key, name, footprint, active_span, path, times, outline, outlines, floor_m, ceiling_m,
+                     floors_m, ceilings_m, grow_mps, properties, class, owner, activations, departures, schedule,
+                     tolerances
                 FROM jsonb_to_record(v_given) p (
-                    key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
+                    key text, name text, footprint geometry, active_span text, path geometry, times jsonb,
                     outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
                     floors_m double precision[], ceilings_m double precision[], grow_mps double precision,
-                    properties jsonb, class text, owner text, activations tstzmultirange, departures timestamptz[],
+                    properties jsonb, class text, owner text, activations text, departures jsonb,
                     schedule jsonb, tolerances jsonb);
         EXCEPTION WHEN OTHERS THEN
             FOUND := _raise('ZC016', v_who, 'plan', format('cannot be read: %s', SQLERRM), 'plan_readable');
@@ -225,7 +277,7 @@ END
 $$;
 COMMENT ON FUNCTION _plans_of(jsonb) IS
 'Plans as rows, from a JSON array of objects with the parameters of put_area or put_track; geometries as GeoJSON or '
-'text, times make a track_path. Raises ZC016, with the plan''s key, for what cannot be read.';
+'text, times make a track_path, instants have an offset. Raises ZC016, with the plan''s key, for what cannot be read.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
     p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean

@@ -86,7 +86,7 @@ def test_a_stored_key_must_be_named(city: StoredScene) -> None:
     assert city.admit(flight("fence", 0.605), "me", replace=["fence", "unknown"])
     assert city.admit(square("theirs", 0.605, (2.0, 3.0)), "them")
     assert city.admit(replace(square("theirs", 0.3), owner="them"), replace={"theirs"})
-    assert [(one.key, one.kind) for one in city.objects()] == [("theirs", "area"), ("fence", "track")]
+    assert [(one.key, one.kind) for one in city.objects()] == [("fence", "track"), ("theirs", "area")]
 
 
 def test_a_changed_plan_says_which_conflicts_are_new(city: StoredScene) -> None:

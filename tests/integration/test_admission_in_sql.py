@@ -1,5 +1,6 @@
 """Plans are admitted in SQL as in Python: at once where stages 1 and 2 decide, by a worker where they do not."""
 
+import json
 from dataclasses import replace
 from datetime import datetime
 from itertools import cycle
@@ -184,7 +185,7 @@ def test_a_stored_key_must_be_named(dsn: str, db: Database, city: StoredScene) -
         ),
         ('[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "outline": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]', "LineStringM"),
         (
-            '[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "times": ["2030-01-01"], "outline": "POINT(0 0)"}]',
+            '[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "times": ["2030-01-01T00:00Z"], "outline": "POINT(0 0)"}]',
             "plan 'a': times: must be one per waypoint of a LineString: 2 waypoints, 1 times",
         ),
         ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "floor_m": "NaN"}]', "floor_m: must be a finite"),
@@ -197,6 +198,40 @@ def test_bad_plans_change_nothing(db: Database, city: StoredScene, plans: str, r
     assert caught.value.sqlstate is not None
     assert caught.value.sqlstate.startswith("ZC")
     assert keys(city) == []
+
+
+@pytest.mark.parametrize("bad", ["now", "tomorrow", "2030-01-01T06:00:00", "2030-01-01", "06:00", "epoch"])
+@pytest.mark.parametrize("member", ["active_span", "activations", "times", "departures"])
+def test_instants_need_an_offset(db: Database, city: StoredScene, member: str, bad: str) -> None:
+    """Else one text would be other times in other sessions."""
+    ring, hull = "POLYGON((0 0, 1 0, 1 1, 0 0))", "POLYGON((5 5, 5 -5, -5 -5, -5 5, 5 5))"
+    good = ["2030-01-01T05:00:00Z", "2040-01-01 08:00:00.123456+02"]
+    area = {"key": "a", "footprint": ring}
+    track = {"key": "a", "path": "LINESTRING(0 0, 0.1 0)", "outline": hull, "times": good}
+    for wrong in (False, True):
+        start = bad if wrong else good[0]
+        plan = {
+            "active_span": area | {"active_span": f"[{start},)"},
+            "activations": area | {"activations": f'{{[{start}, 2030-06-01 00:00Z), (2031-01-01 00:00Z,"{good[1]}"]}}'},
+            "times": track | {"times": [start, good[1]]},
+            "departures": track | {"times": [good[0], "2030-01-01 06:00Z"], "departures": [start]},
+        }[member]
+        for zone in ("UTC", "America/New_York"):
+            with db.connection.transaction(force_rollback=True):
+                db.connection.execute("SELECT set_config('timezone', %s, true)", [zone])
+                ask = "SELECT admitted FROM conflictdb.admit('city', %s)"
+                if not wrong:
+                    said = db.connection.execute(ask, [json.dumps([plan])]).fetchone()
+                    if member == "departures":  # left to a worker
+                        assert said == (None,)
+                        continue
+                    assert said == (True,)
+                    [stored] = store.read_scene(db.connection, "city")[1 if "footprint" in plan else 2]
+                    assert 1_893_474_000_000_000 in (getattr(stored, "start_us", 0), *getattr(stored, "times_us", []))
+                    continue
+                with pytest.raises(psycopg.Error, match=r"plan 'a'.*must be ISO 8601 with an offset") as caught:
+                    db.connection.execute(ask, [json.dumps([plan])])
+                assert caught.value.sqlstate == "ZC016"
 
 
 def test_limits_of_the_database_refuse_plans(db: Database, city: StoredScene) -> None:
