@@ -15,7 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
-from conflictdb.formats.hints import vertical_datum
+from conflictdb.formats.hints import given_haven, vertical_datum
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
@@ -36,6 +36,8 @@ from conflictdb.model.plans import (
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
+# How to give tracks a size that their source does not say.
+HAVEN_OPTION: Final = "--haven, in Python `haven`, gives a size to all without"
 # The members of a rectangular haven.
 SIZES: Final = tuple(f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi"))
 TIMES: Final = ("times", "datetimes")
@@ -269,7 +271,8 @@ def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
 def haven(fields: Fields) -> NDArray[np.float64]:
     """Return the (m, 2) outline (starboard, forward) in metres of the haven in the fields.
 
-    Raises InvalidInput if there is none, if it is given twice, or if a size is negative.
+    Sides that are missing are those of the hints. Raises InvalidInput if there is none, if it is given twice, or if a
+    size is negative.
     """
     sides = [name for name in SIZES if fields.has(name)]
     if fields.has("outline_m"):
@@ -277,10 +280,11 @@ def haven(fields: Fields) -> NDArray[np.float64]:
             raise fields.refusal(sides[0], "must not be given together with outline_m")
         outline = pairs(fields.who, "outline_m", fields.get("outline_m"), "[starboard, forward] in metres")
         return _opened(outline[None])[0]
-    if not sides:
+    default = given_haven()
+    if not sides and default is None:
         rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
-        raise fields.refusal("fore_m", rule)
-    sizes = [_side_m(fields, side) for side in SIDES]
+        raise fields.refusal("fore_m", f"{rule}; {HAVEN_OPTION}")
+    sizes = [_side_m(fields, side, None if default is None else default[i]) for i, side in enumerate(SIDES)]
     return rectangle_outline_m(*(0.0 if size is None else size for size in sizes))
 
 
@@ -314,13 +318,16 @@ def _opened(outlines: NDArray[np.float64]) -> NDArray[np.float64]:
     return outlines[:, :-1] if closed else outlines
 
 
-def _side_m(fields: Fields, side: str) -> float | None:
+def _side_m(fields: Fields, side: str, default_m: float | None) -> float | None:
     given = [name for name in (f"{side}_m", f"{side}_nmi") if fields.has(name)]
     with fields.refusals:
         if len(given) > 1:
             raise fields.refusal(given[1], f"must not be given together with {given[0]}")
+        if not given and default_m is not None:
+            return float(default_m)
         if not given:
-            raise fields.refusal(f"{side}_m", "is missing: the other sides of the haven are given (0 is allowed)")
+            rule = "is missing: the other sides of the haven are given (0 is allowed)"
+            raise fields.refusal(f"{side}_m", f"{rule}; {HAVEN_OPTION}")
         size = fields.number(given[0])
         if size is not None and size < 0.0:
             raise fields.refusal(given[0], f"must not be negative; got {size:g}")

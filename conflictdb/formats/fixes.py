@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from conflictdb.earth import geodesy
 from conflictdb.formats.contents import FileRefusals, Skipped
+from conflictdb.formats.hints import given_haven
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import EarthModel, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MPS_PER_KNOT
@@ -44,7 +45,7 @@ def tracks_of(
 ) -> tuple[list[Track], list[Skipped]]:
     """Return the tracks of the usable fixes of each object, and what is left out; raises InvalidInput with all errors.
 
-    size_columns : SIDES, LENGTH_WIDTH, or none for points
+    size_columns : SIDES, LENGTH_WIDTH, both, or none for points
     max_speed_kn : fixes reachable only above this speed are left out, as few as possible
     left_out : line numbers by key and reason
     """
@@ -69,8 +70,9 @@ def _track_of(
     """Return the track of one object's usable fixes, None if they make no track; note omissions."""
     if not rows.lines:
         return None  # the reasons are noted already
-    missing = [column for column in size_columns if column not in rows.largest]
-    if missing:
+    outline_m = _outline(rows.largest, size_columns)
+    if outline_m is None:
+        missing = [column for column in size_columns if column not in rows.largest]
         left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)
         return None
     order = np.argsort(np.array(rows.times_us, dtype=np.int64), kind="stable")
@@ -105,7 +107,7 @@ def _track_of(
         key,
         positions,
         all_certain(times_us),
-        _outline(rows.largest, size_columns),
+        outline_m,
         name=rows.constant.get("name"),
         floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
         ceiling_m=None if "ceiling_m" in rows.unbounded else rows.largest.get("ceiling_m"),
@@ -114,13 +116,29 @@ def _track_of(
     )
 
 
-def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.float64]:
+def without_size(left_out: Iterable[tuple[str, str]]) -> list[str]:
+    """Return the keys of the objects that are left out because they have no size, of keys and reasons."""
+    columns = {*SIDES, *LENGTH_WIDTH}
+    return [key for key, reason in left_out if columns.issuperset(reason.removeprefix("no ").split(" and "))]
+
+
+def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.float64] | None:
+    """Return the outline of an object, a point without size columns; None if it has no size."""
+    default = given_haven()
     if not size_columns:
-        return rectangle_outline_m(0.0, 0.0, 0.0, 0.0)
-    if len(size_columns) == len(SIDES):
-        return rectangle_outline_m(*(size[column] for column in SIDES))
-    half_length, half_width = (0.5 * size[column] for column in LENGTH_WIDTH)
-    return rectangle_outline_m(half_length, half_length, half_width, half_width)
+        return rectangle_outline_m(*(default or (0.0,) * 4))
+    reach = []
+    for i, side in enumerate(SIDES):
+        whole, opposite = LENGTH_WIDTH[i // 2], SIDES[i ^ 1]
+        if side in size:
+            reach.append(size[side])
+        elif whole in size:
+            reach.append(max(size[whole] - size[opposite], 0.0) if opposite in size else 0.5 * size[whole])
+        elif default is not None:
+            reach.append(float(default[i]))
+        else:
+            return None
+    return rectangle_outline_m(*reach)
 
 
 def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:

@@ -22,8 +22,9 @@ class FileHints:
 
     columns : the column or property of the file for each field: {"start": "valid_from"}
     time_zone : of times without offset, such as Europe/Copenhagen; None: they are refused, and UTC in AIS files
-    haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; None:
-        they are points
+    haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; each
+        fills in a side that is missing. None: tracks of formats without sizes are points, others are refused, and left
+        out of positions
     unbounded_heights : heights above anything but the scene's vertical datum are unbounded; else refused
     departure, speed_kn : of routes that say no time, and no speed; an aware datetime, and knots
     vertical_datum : of the scene that a file without settings is read for; None: of the scene it is loaded into, or msl
@@ -125,9 +126,15 @@ def departure() -> tuple[int | None, float | None]:
 
 
 def haven() -> Sequence[float]:
-    """Return how far havens without a size reach, metres: ahead, astern, to port, to starboard."""
+    """Return how far havens without a size reach, metres: ahead, astern, to port, to starboard; default 0."""
+    given = given_haven()
+    return (0.0,) * 4 if given is None else given
+
+
+def given_haven() -> Sequence[float] | None:
+    """Return how far havens without a size reach, as `haven`; None if nothing is given."""
     reading = _READING.get()
-    return (0.0,) * 4 if reading is None or reading.hints.haven_m is None else reading.hints.haven_m
+    return None if reading is None else reading.hints.haven_m
 
 
 def renamed(names: Sequence[str]) -> list[str]:

@@ -64,7 +64,8 @@ _CUT: Final = {
     for name in _MEMBERS
     if len(name) > _CUT_TO and name[:_CUT_TO] not in _MEMBERS
 }
-_HAVEN: Final = frozenset({"outline_m", "outlines_m", *file_objects.SIZES})
+# Members of a gx:Track that positions do not have: with one of them it is a plan.
+_OF_PLANS: Final = file_objects.TRACK_MEMBERS - {"kind", "name"}
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
     "column times"
@@ -328,6 +329,12 @@ class _TimedLine:
     values: Mapping[str, Any]
     setting: file_objects.FileContext
 
+    @property
+    def members(self) -> set[str]:
+        """The columns that say something, in lower case."""
+        own = {name: value for name, value in self.values.items() if name not in ("id", *_KML_FIELDS)}
+        return {name.lower() for name, value in own.items() if value is not None}
+
     def track(self, key: str, line: Any, times_us: Sequence[int]) -> Track | TrackAtSpeed:
         """Return the track of a gx:Track whose columns give its haven."""
         others = {name: one for name, one in self.values.items() if name not in ("id", *_KML_FIELDS)}
@@ -356,7 +363,7 @@ class _TimedLines:
                 with refusals:
                     if times_us is None:
                         raise InvalidInput(one.where, "times", _KML_LINE)
-                    if _HAVEN.intersection(name.lower() for name, value in one.values.items() if value is not None):
+                    if _OF_PLANS.intersection(one.members):
                         planned.append(one.track(key, line, times_us))
                         continue
                     places = [(float(lon), float(lat)) for lon, lat in positions]

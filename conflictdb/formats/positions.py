@@ -23,8 +23,8 @@ import numpy as np
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, check_columns
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, tracks_of
-from conflictdb.formats.hints import renamed
+from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, tracks_of, without_size
+from conflictdb.formats.hints import given_haven, renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.json_text import check_text
 from conflictdb.formats.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
@@ -101,6 +101,14 @@ def read_positions(
     contents = Contents(None, [], tracks, skipped)
     texts = [] if reader.size_columns else [f"{NO_SIZES} ({_SIZES}): all are points"]
     texts += ["has dates with slashes: they are read as day/month/year"] if reader.is_day_first else []
+    unsized = without_size(reader.left_out)
+    if unsized:
+        of = f"{len(unsized):,} of {len(fixes):,} objects have"
+        texts.append(f"{of} no size and are left out, such as {unsized[0]!r:.60}: --haven gives them one")
+    flat = [key for key, rows in fixes.items() if reader.is_flat(rows)]
+    if flat:
+        of = f"{len(flat):,} of {len(fixes):,} objects have"
+        texts.append(f"{of} a length and no width, or the reverse, such as {flat[0]!r:.60}: --haven gives them one")
     texts += _without_bound(fixes, {track.key for track in tracks})
     contents.remarks = [Remark(source, "file", text) for text in texts]
     return contents
@@ -144,7 +152,7 @@ class _Reader:
                     raise InvalidInput("file", f"column {column}", f"{rule} (or {', '.join(COLUMNS[column][1:3])})")
         by_sides = all(column in self.at for column in SIDES)
         by_length = any(column in self.at for column in LENGTH_WIDTH)
-        self.size_columns: Sequence[str] = SIDES if by_sides else LENGTH_WIDTH if by_length else ()
+        self.size_columns: Sequence[str] = (*(SIDES if by_sides else ()), *(LENGTH_WIDTH if by_length else ()))
         self._check_sides()
         self.others = [(i, name) for i, name in enumerate(self.header) if name and i not in self.at.values()]
         known = dict.fromkeys(self.at, "given")
@@ -154,7 +162,7 @@ class _Reader:
 
     def _check_sides(self) -> None:
         """Refuse an incomplete set of four sides; single letters, as in AIS, may mean anything."""
-        if self.size_columns == SIDES:
+        if SIDES[0] in self.size_columns:
             return
         names = [self.header[self.at[column]] for column in SIDES if column in self.at]
         rule = f"needs the other sides beside it: {', '.join(SIDES)}"
@@ -227,12 +235,7 @@ class _Reader:
 
     def _add_cells(self, who: str, own: Fixes, row: list[str], line: int) -> None:
         """Keep the largest sizes (never smaller than the object), the height band over all rows, and constants."""
-        for column in self.size_columns:
-            size = self._number(who, row, line, column)
-            if size is None or (size == 0.0 and self.is_ais(column)):  # AIS: 0 is "not available"
-                continue
-            if size < 0.0:
-                raise self._refusal(who, line, column, f"must not be negative; got {size:g}")
+        for column, size in self._sizes(who, row, line).items():
             own.largest[column] = max(size, own.largest.get(column, 0.0))
         for column, seen, widest in (("floor_m", own.lowest, min), ("ceiling_m", own.largest, max)):
             height = self._number(who, row, line, column)
@@ -245,6 +248,38 @@ class _Reader:
                 self._check_name(i, value)
             if value is not None and own.constant.setdefault(name, value) != value:
                 own.constant[name] = None  # it varies, so it is no property of the object
+
+    def _sizes(self, who: str, row: list[str], line: int) -> dict[str, float]:
+        """Return the sizes in a row, metres, without those that are "not available" in AIS (ITU-R M.1371)."""
+        found: dict[str, float] = {}
+        for column in self.size_columns:
+            size = self._number(who, row, line, column)
+            if size is not None and size < 0.0:
+                raise self._refusal(who, line, column, f"must not be negative; got {size:g}")
+            if size is not None and not (size == 0.0 and column in LENGTH_WIDTH and self.is_ais(column)):
+                found[column] = size
+        if not self.is_ais(SIDES[0]) or SIDES[0] not in self.size_columns:
+            return found
+        fore, aft, port, starboard = (found.get(side, 0.0) for side in SIDES)
+        if fore == port == 0.0 and (aft > 0.0 or starboard > 0.0):
+            # The size is known, and the place of the position on board is not: the ship may reach all of it either way.
+            found |= {SIDES[i ^ 1]: found[SIDES[i]] for i in (1, 3) if SIDES[i] in found}
+        for i in (0, 2):
+            is_unknown = not any(found.get(side) for side in SIDES[i : i + 2])
+            if is_unknown and (self._fills(i, found) or not any(found.get(side) for side in SIDES)):
+                found = {column: size for column, size in found.items() if column not in SIDES[i : i + 2]}
+        return found
+
+    @staticmethod
+    def _fills(side: int, found: Mapping[str, float]) -> bool:
+        """Return whether the row or the hints say a length or width of which both sides are 0."""
+        return given_haven() is not None or LENGTH_WIDTH[side // 2] in found
+
+    def is_flat(self, rows: Fixes) -> bool:
+        """Return whether an object of AIS has a length and no width, or the reverse."""
+        fore, aft, port, starboard = (rows.largest.get(side, 0.0) for side in SIDES)
+        is_whole = all(side in rows.largest for side in SIDES)
+        return is_whole and self.is_ais(SIDES[0]) and (fore + aft > 0.0) != (port + starboard > 0.0)
 
     def _check_name(self, i: int, value: str) -> None:
         """Refuse a column whose name resembles a known one, once one of its cells has that one's type."""

@@ -1,10 +1,14 @@
 """Files of other programs: names of columns, time zone, havens of points, dates with slashes."""
 
+import json
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
+import geopandas
 import numpy as np
 import pytest
+import shapely
 from plan_files import area, write
 
 from conflictdb import FileHints, InvalidInput, read
@@ -103,3 +107,66 @@ def test_tracks_without_a_size_get_the_haven_and_others_keep_theirs(tmp_path: Pa
 def test_wrong_hints_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInput):
         FileHints(**wrong)  # type: ignore[arg-type]
+
+
+HOUR = ["2026-06-01T09:00:00Z", "2026-06-01T10:00:00Z"]
+
+
+def geojson(path: Path, **members: object) -> Path:
+    feature = {
+        "type": "Feature",
+        "id": "T",
+        "geometry": {"type": "LineString", "coordinates": [[9, 57], [9.1, 57]]},
+        "properties": {"times": HOUR, **members},
+    }
+    return file(path, json.dumps({"type": "FeatureCollection", "features": [feature]}))
+
+
+def mfjson(path: Path, **members: object) -> Path:
+    moving = {"type": "MovingPoint", "coordinates": [[9, 57], [9.1, 57]], "datetimes": HOUR}
+    return file(path, json.dumps({"type": "Feature", "id": "T", "temporalGeometry": moving, "properties": members}))
+
+
+def geopackage(path: Path, **members: object) -> Path:
+    columns = {name: [one] for name, one in members.items()} | {"times": [json.dumps(HOUR)]}
+    frame = geopandas.GeoDataFrame(columns, geometry=[shapely.LineString([(9, 57), (9.1, 57)])], crs=4326)
+    (frame.to_parquet if path.suffix == ".parquet" else frame.to_file)(path)
+    return path
+
+
+def kml(path: Path, **members: object) -> Path:
+    data = "".join(f'<Data name="{name}"><value>{one}</value></Data>' for name, one in members.items())
+    points = "".join(f"<when>{at}</when>" for at in HOUR) + "<gx:coord>9 57 0</gx:coord><gx:coord>9.1 57 0</gx:coord>"
+    return file(
+        path,
+        '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document><Placemark>'
+        f"<name>T</name><ExtendedData>{data}</ExtendedData><gx:Track>{points}</gx:Track></Placemark></Document></kml>",
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("t.geojson", geojson),
+        ("t.mfjson", mfjson),
+        ("t.gpkg", geopackage),
+        ("t.parquet", geopackage),
+        ("t.kml", kml),
+    ],
+)
+def test_the_haven_fills_in_sizes_in_each_format(name: str, write: Callable[..., Path], tmp_path: Path) -> None:
+    """Without any size, with some sides, and with a class only; without the option the message names it."""
+    hints = FileHints(haven_m=(500, 200, 100, 150))
+    for members, sides in (
+        ({}, (500, 200, 100, 150)),
+        ({"fore_m": 7.0}, (7, 200, 100, 150)),
+        ({"aft_m": 7.0, "port_nmi": 1.0, "class": "ferry", "floor_m": -5.0}, (500, 7, 1852, 150)),
+        ({"class": "ferry"}, (500, 200, 100, 150)),
+    ):
+        path = write(tmp_path / name, **members)
+        (track,) = read(path, hints=hints).tracks
+        assert np.array_equal(track.outline_m, rectangle_outline_m(*sides)), members
+        assert (track.object_class, track.floor_m) == (members.get("class"), members.get("floor_m"))
+        if members or name != "t.kml":  # a gx:Track without members is a point, with a remark
+            with pytest.raises(InvalidInput, match=r"_m: is missing.*; --haven, in Python `haven`, gives a size"):
+                read(path)

@@ -2,12 +2,14 @@
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
+from conflictdb.model.plans import rectangle_outline_m
 
 HEADER = "id,time,lon,lat,length_m,width_m"
 
@@ -191,3 +193,64 @@ def test_what_is_no_position_file_is_refused(tmp_path: Path, lines: list[str], k
         read(tmp_path, *lines)
     assert (caught.value.key, caught.value.field) == (key, field)
     assert caught.value.source == str(tmp_path / "fixes.csv")
+
+
+def ais(tmp_path: Path, *sizes: str, header: str = "A,B,C,D", **hints: Any) -> formats.Contents:
+    rows = [f"MMSI,BaseDateTime,LAT,LON,{header}"]
+    for i, size in enumerate(sizes, 1):
+        rows += [f"{219000000 + i},2026-06-01T1{hour}:30:00,57.1,9.{hour},{size}" for hour in (0, 1)]
+    (tmp_path / "ais.csv").write_text("\n".join(rows))
+    return formats.read(tmp_path / "ais.csv", hints=formats.FileHints(**hints))
+
+
+@pytest.mark.parametrize(
+    ("size", "sides", "filled"),
+    [
+        ("60,40,10,9", (60, 40, 10, 9), (60, 40, 10, 9)),
+        ("0,100,10,9", (0, 100, 10, 9), (0, 100, 10, 9)),  # the position is that of the bow
+        ("0,100,0,20", (100, 100, 20, 20), (100, 100, 20, 20)),  # of a place on board that is not known
+        ("0,0,0,0", None, (1, 2, 3, 4)),
+        ("0,100,0,0", (100, 100, 0, 0), (100, 100, 3, 4)),
+        ("60,40,0,0", (60, 40, 0, 0), (60, 40, 3, 4)),
+        ("0,0,10,9", (0, 0, 10, 9), (1, 2, 10, 9)),
+        (",,,", None, (1, 2, 3, 4)),
+        ("60,,10,9", None, (60, 2, 10, 9)),
+        ("0,100,,", None, (100, 100, 3, 4)),
+    ],
+)
+def test_ais_sizes_with_zeros_and_empty_cells(
+    size: str, sides: tuple[float, ...] | None, filled: tuple[float, ...], tmp_path: Path
+) -> None:
+    """Four zeros are no size; A = C = 0 is one whose reference point is not known. A haven fills in what is missing."""
+    contents = ais(tmp_path, size, "60,40,10,9")
+    outlines = {track.key: track.outline_m.tolist() for track in contents.tracks}
+    assert outlines.get("219000001") == (None if sides is None else rectangle_outline_m(*sides).tolist())
+    texts = [one.text for one in contents.remarks]
+    if sides is None:
+        assert texts == ["1 of 2 objects have no size and are left out, such as '219000001': --haven gives them one"]
+    elif 0 in (sides[0] + sides[1], sides[2] + sides[3]):
+        assert "1 of 2 objects have a length and no width, or the reverse" in texts[0]
+    else:
+        assert texts == []
+    (first, _) = ais(tmp_path, size, "60,40,10,9", haven_m=(1, 2, 3, 4)).tracks
+    assert first.outline_m.tolist() == rectangle_outline_m(*filled).tolist()
+
+
+@pytest.mark.parametrize(
+    ("header", "size", "sides"),
+    [
+        ("Length,Width", "100,0", (50, 50, 3, 4)),
+        ("Length,Width", ",20", (1, 2, 10, 10)),
+        ("Length,Width", ",", (1, 2, 3, 4)),
+        ("length_m", "100", (50, 50, 3, 4)),
+        ("A,B,C,D,Length,Width", "0,0,0,0,100,20", (50, 50, 10, 10)),
+        ("A,B,C,D,Length,Width", "60,40,0,0,100,20", (60, 40, 10, 10)),
+        ("A,B,C,D,Length,Width", "60,,12,8,100,20", (60, 40, 12, 8)),
+    ],
+)
+def test_a_haven_fills_in_each_size_that_is_missing(
+    header: str, size: str, sides: tuple[float, ...], tmp_path: Path
+) -> None:
+    """Ships with an empty cell were left out, although --haven was given; sides and lengths complete each other."""
+    (track,) = ais(tmp_path, size, header=header, haven_m=(1, 2, 3, 4)).tracks
+    assert track.outline_m.tolist() == rectangle_outline_m(*sides).tolist()
