@@ -2,14 +2,13 @@
 
 import argparse
 import json
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text, remark_incomplete
-from conflictdb.cli.output import line, note, out, remark
+from conflictdb.cli.output import line, note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
@@ -56,7 +55,7 @@ def attach(args: argparse.Namespace) -> int:
         mapped["where"] = args.where
     given = (args.kind, args.table, mapped)
     with database(args) as db:
-        with db.connection.transaction(force_rollback=args.dry_run), _warnings_as_remarks():
+        with db.connection.transaction(force_rollback=args.dry_run), warnings_as_remarks():
             if all(status.scene.name != args.scene for status in db.scenes()):
                 store.set_scene(db.connection, Scene(args.scene))
             if args.dry_run:
@@ -66,15 +65,6 @@ def attach(args: argparse.Namespace) -> int:
         db.scene(args.scene).follow()
         _report_attachment(db, args.scene, number)
     return DONE
-
-
-@contextmanager
-def _warnings_as_remarks() -> Iterator[None]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
-        yield
-    for one in caught:
-        remark(str(one.message))
 
 
 def _show_preview(preview: store.AttachmentPreview) -> None:

@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import RLock
@@ -85,6 +86,16 @@ def remark(text: str) -> None:
     with _LOCK:
         progress("")
         sys.stderr.write(f"conflictdb: {printable(as_called(text), keep=_BREAK)}\n")
+
+
+@contextmanager
+def warnings_as_remarks() -> Iterator[None]:
+    """Print warnings of the package as remarks."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for one in caught:
+        remark(str(one.message))
 
 
 def note(text: str) -> None:

@@ -6,7 +6,7 @@ from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
-from conflictdb.cli.output import binary, data, line, out, print_json
+from conflictdb.cli.output import binary, data, line, out, print_json, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
@@ -44,7 +44,8 @@ def export(args: argparse.Namespace) -> int:
         elif args.file == "-":
             data([scene.text()], is_json=True)
         else:
-            scene.export(args.file, args.keys or None)
+            with warnings_as_remarks():
+                scene.export(args.file, args.keys or None)
     return DONE
 
 

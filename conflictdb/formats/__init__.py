@@ -9,6 +9,7 @@ from conflictdb.formats.hints import FileHints
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
+from conflictdb.formats.unwritten import unwritten
 from conflictdb.formats.writing import write, write_lines
 from conflictdb.formats.writing_scenes import write_scene_file
 
@@ -21,6 +22,7 @@ __all__ = [
     "object_lines",
     "read",
     "scene_text",
+    "unwritten",
     "write",
     "write_lines",
     "write_scene_file",

@@ -13,12 +13,14 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents
-from conflictdb.formats.fields import finite, instant
+from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.names import look_alike
 
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")
+# The member of a reference that `volumes_writing` writes: name, class, owner and properties of the object.
+EXTENSION: Final = "conflictdb"
 _OUTLINES: Final = ("outline_polygon", "outline_circle")
 _VOLUME: Final = frozenset({*_OUTLINES, "altitude_lower", "altitude_upper"})
 _AROUND: Final = frozenset({"volume", "time_start", "time_end"})
@@ -92,17 +94,39 @@ def _read_intent(place: str, intent: Any, default_key: str, found: Gathered) -> 
             raise InvalidInput(f"intent {key!r}", name, f"is not known to ASTM F3548; did you mean {meant}?")
     if not any(isinstance(details.get(name), list) for name in _LISTS):
         raise InvalidInput(f"intent {key!r}", "volumes", f"is missing: give a list of volumes as {', '.join(_LISTS)}")
+    plan = _plan(f"intent {key!r}", key, _object(f"intent {key!r}", EXTENSION, reference.get(EXTENSION) or {}))
     number = 0
     rest = {name: one for name, one in reference.items() if name != "id" and not isinstance(one, list | dict)}
     if "priority" in details:
         rest["priority"] = details["priority"]
     for name in _LISTS:
+        own = {**rest, **plan.properties, "list": name}
         for k, volume in enumerate(_volumes(f"intent {key!r}", name, details.get(name))):
             number += 1
             where = f"{name}[{k}] of intent {key!r}"
             with found.refusals:
-                zone = _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found)
-                found.add_zone(where, replace(zone, owner=key))
+                found.add_zone(where, _zone(where, f"{key}/{number}", volume, replace(plan, properties=own), found))
+
+
+def _plan(who: str, key: str, extension: dict[str, Any]) -> Zone:
+    """Return what `volumes_writing` wrote of an object besides its volumes; an intent owns its volumes."""
+    fields = Fields(who, extension)
+    plan = Zone(
+        key,
+        (),
+        fields.text("name"),
+        properties=_object(who, f"{EXTENSION}.properties", fields.get("properties") or {}),
+        object_class=fields.word("class"),
+        owner=fields.word("owner") or key,
+    )
+    fields.raise_found()
+    return plan
+
+
+def _object(who: str, field: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InvalidInput(who, field, f"must be an object; got {value!r:.60}")
+    return value
 
 
 def _volumes(who: str, name: str, value: Any) -> list[Any]:
@@ -111,8 +135,8 @@ def _volumes(who: str, name: str, value: Any) -> list[Any]:
     return value or []
 
 
-def _zone(who: str, key: str, value: Any, properties: Mapping[str, Any], found: Gathered) -> Zone:
-    """Return the zone of one volume."""
+def _zone(who: str, key: str, value: Any, plan: Zone, found: Gathered) -> Zone:
+    """Return the zone of one volume of a plan."""
     if not _is_volume(value):
         raise InvalidInput(who, "", f"must be an object with a volume; got {value!r:.60}")
     _known(who, "", value, _AROUND)
@@ -125,7 +149,7 @@ def _zone(who: str, key: str, value: Any, properties: Mapping[str, Any], found: 
     footprint = _circle(who, outline, found) if outlines[0] == "outline_circle" else _polygon(who, outline)
     floor_m, ceiling_m = (_altitude(who, f"volume.altitude_{side}", volume) for side in ("lower", "upper"))
     start_us, end_us = (_time(who, name, value.get(name)) for name in ("time_start", "time_end"))
-    return Zone(key, [Volume(footprint, floor_m, ceiling_m)], None, [Active(start_us, end_us)], properties)
+    return replace(plan, key=key, volumes=[Volume(footprint, floor_m, ceiling_m)], active=[Active(start_us, end_us)])
 
 
 def _known(who: str, field: str, value: Mapping[str, Any], names: frozenset[str]) -> None:

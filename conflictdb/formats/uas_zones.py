@@ -6,6 +6,7 @@ standards do not know refuse the zone; other members are kept as properties.
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import shapely
@@ -13,7 +14,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents
-from conflictdb.formats.fields import finite, instant
+from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
 from conflictdb.formats.names import look_alike
@@ -33,6 +34,9 @@ _VOLUME: Final = frozenset(
 CODES: Final = frozenset(
     {"PROHIBITED", "REQ_AUTHORIZATION", "REQ_AUTHORISATION", "CONDITIONAL", "NO_RESTRICTION", "USPACE"}
 )
+# The member of `extendedProperties` that `uas_zones_writing` writes, and how long a name the standard allows.
+EXTENSION: Final = "conflictdb"
+LONGEST_NAME: Final = 200
 _LAYER: Final = frozenset({"upper", "upperReference", "lower", "lowerReference", "uom"})
 _WHEN: Final = frozenset({"applicability", "limitedApplicability"})
 _TIMES: Final = frozenset({"startDateTime", "endDateTime", "schedule", "dailyPeriod", "permanent"})
@@ -84,7 +88,8 @@ def read_ed318(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
             rest = {name: one for name, one in properties.items() if name not in ("identifier", "name")}
             rest.pop("limitedApplicability", None)
             kind = _class(who, "type", rest)
-            found.add_zone(where, Zone(key, volumes, _text(properties.get("name")), active, rest, kind))
+            zone = Zone(key, volumes, _text(properties.get("name")), active, rest, kind)
+            found.add_zone(where, _extended(who, zone, rest.get("extendedProperties")))
     return found.contents(skip_invalid=skip_invalid)
 
 
@@ -106,6 +111,27 @@ def read_ed269(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
             kind = _class(who, "restriction", rest)
             found.add_zone(where, Zone(key, volumes, _text(zone.get("name")), active, rest, kind))
     return found.contents(skip_invalid=skip_invalid)
+
+
+def _extended(who: str, zone: Zone, extended: Any) -> Zone:
+    """Return a zone with what `uas_zones_writing` wrote among its extended properties; raises InvalidInput."""
+    own = extended.get(EXTENSION) if isinstance(extended, dict) else None
+    if own is None:
+        return zone
+    fields = Fields(who, _object(who, f"extendedProperties.{EXTENSION}", own))
+    others = {name: one for name, one in extended.items() if name != EXTENSION}
+    properties = {name: one for name, one in zone.properties.items() if name != "extendedProperties" or others}
+    properties |= {"extendedProperties": others} if others else {}
+    properties |= _object(who, f"extendedProperties.{EXTENSION}.properties", fields.get("properties") or {})
+    found = replace(
+        zone,
+        name=fields.text("name") or zone.name,
+        object_class=fields.word("class") if "class" in own else zone.object_class,
+        owner=fields.word("owner"),
+        properties=properties,
+    )
+    fields.raise_found()
+    return found
 
 
 def _identifier(where: str, zone: Mapping[str, Any]) -> str:

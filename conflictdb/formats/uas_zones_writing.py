@@ -1,4 +1,8 @@
-"""Write areas as UAS geographical zones: ED-318 (GeoJSON). Tracks are no zones."""
+"""Write areas as UAS geographical zones: ED-318 (GeoJSON). Tracks are no zones.
+
+The standard's `extendedProperties` have what its other members do not: a class that is no code of zones, the owner, a
+long name, and further properties. `uas_zones` reads them back.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
@@ -10,7 +14,7 @@ from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of
-from conflictdb.formats.uas_zones import CODES
+from conflictdb.formats.uas_zones import CODES, EXTENSION, LONGEST_NAME
 from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 _LONGEST_KEY: Final = 7
@@ -58,19 +62,45 @@ def _feature(scene: Scene, area: Area) -> dict[str, Any]:
         geometry["layer"] = {**layer, "uom": "m"}
     own = {name: one for name, one in area.properties.items() if name in _DEFAULTS.keys() | _OPTIONAL}
     kind = {"type": area.object_class} if area.object_class in CODES else {}
-    properties = {"identifier": area.key, **_DEFAULTS, **kind, **own}
+    properties = {"identifier": area.key, **_DEFAULTS, **own, **kind}
     if area.name is not None:
-        properties["name"] = [{"text": area.name[:200], "lang": "en-GB"}]
+        properties["name"] = [{"text": area.name[:LONGEST_NAME], "lang": "en-GB"}]
+    if extension := _extension(area, properties["type"]):
+        extended = own.get("extendedProperties")
+        properties["extendedProperties"] = {**(extended if isinstance(extended, dict) else {}), EXTENSION: extension}
     periods = _periods(area)
     if periods != [{}]:
         properties["limitedApplicability"] = periods
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
+def _extension(area: Area, kind: Any) -> dict[str, Any]:
+    """Return what the standard has no member for; empty if there is nothing."""
+    found: dict[str, Any] = {}
+    if area.object_class != kind:
+        found["class"] = area.object_class
+    if area.owner is not None:
+        found["owner"] = area.owner
+    if area.name is not None and len(area.name) > LONGEST_NAME:
+        found["name"] = area.name
+    known = _DEFAULTS.keys() | _OPTIONAL
+    rest = {name: one for name, one in area.properties.items() if name not in known}
+    extended = area.properties.get("extendedProperties")
+    if extended is not None and not isinstance(extended, dict):
+        rest["extendedProperties"] = extended
+    return found | ({"properties": rest} if rest else {})
+
+
+def has_only_ed318(area: Area) -> bool:
+    """Return whether all rules of an area's schedule are those of ED-318."""
+    rules = area.schedule if isinstance(area.schedule, list) else [area.schedule]
+    return area.schedule is not None and all(rule.keys() <= {"ed318", "from", "until"} for rule in rules)
+
+
 def _periods(area: Area) -> list[dict[str, Any]]:
     """Return when a zone is active: with schedules of ED-318 as they were read, else its spans."""
     rules = area.schedule if isinstance(area.schedule, list) else [area.schedule]
-    if area.schedule is not None and all(rule.keys() <= {"ed318", "from", "until"} for rule in rules):
+    if has_only_ed318(area):
         return [
             _period(rule.get("from", _text(area.start_us)), rule.get("until", _text(area.end_us)))
             | ({"schedule": rule["ed318"]} if "ed318" in rule else {})

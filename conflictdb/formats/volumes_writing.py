@@ -19,10 +19,13 @@ from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, s
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.file_heights import refuse_flight_levels
+from conflictdb.formats.file_objects import ruled_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
+from conflictdb.formats.operational_intents import EXTENSION
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
+from conflictdb.model.tolerances import PER_LEG
 from conflictdb.stages.pieces.cutting import planar, track_pieces
 
 Floats = NDArray[np.float64]
@@ -48,9 +51,12 @@ def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
     setup = Setup.of(centred(scene, areas, tracks))
     yield "["
     separator = "\n"
-    for key, volumes in [*((one.key, _of_area(setup, one)) for one in areas), *_of_tracks(setup, tracks)]:
+    items: list[Area | Track] = [*areas, *tracks]
+    for one in items:
+        volumes = _of_area(setup, one) if isinstance(one, Area) else _of_track(setup, one)
         details = {"volumes": list(volumes), "off_nominal_volumes": [], "priority": 0}
-        yield f"{separator}{dumped({'reference': {'id': key}, 'details': details})}"
+        reference = {"id": one.key, **_extension(one)}
+        yield f"{separator}{dumped({'reference': reference, 'details': details})}"
         separator = ",\n"
     yield " ]\n"
 
@@ -67,14 +73,20 @@ def _of_area(setup: Setup, area: Area) -> Iterator[Mapping[str, Any]]:
             yield _volume(who, setup, ring, span, (area.floor_m, area.ceiling_m))
 
 
-def _of_tracks(setup: Setup, tracks: Sequence[Track]) -> Iterator[tuple[str, Iterator[Mapping[str, Any]]]]:
-    for track in tracks:
-        yield track.key, chain.from_iterable(_of_track(setup, one) for one in voyages_of(track))
+def _extension(item: Area | Track) -> dict[str, Any]:
+    """Return what the standard has no member for, as a member of the reference; `operational_intents` reads it."""
+    found = {"name": item.name, **ruled_properties(item), "properties": dict(item.properties)}
+    given = {name: one for name, one in found.items() if one}
+    return {EXTENSION: given} if given else {}
 
 
 def _of_track(setup: Setup, track: Track) -> Iterator[Mapping[str, Any]]:
+    return chain.from_iterable(_of_voyage(setup, one) for one in voyages_of(track))
+
+
+def _of_voyage(setup: Setup, track: Track) -> Iterator[Mapping[str, Any]]:
     who = f"track {track.key!r}"
-    pieces = track_pieces(setup, TrackBatch.of([_in_steps(setup.scene, track)]))
+    pieces = track_pieces(setup, TrackBatch.of([in_steps(setup.scene, track)]))
     for i in np.flatnonzero(pieces.turn == 0).tolist():
         hull = pieces.hull_xy[pieces.hull_offset[i] : pieces.hull_offset[i + 1]]
         if not len(hull) or not np.isfinite(hull).all():
@@ -85,7 +97,7 @@ def _of_track(setup: Setup, track: Track) -> Iterator[Mapping[str, Any]]:
         yield _volume(who, setup, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
 
 
-def _in_steps(scene: Scene, track: Track) -> Track:
+def in_steps(scene: Scene, track: Track) -> Track:
     """Return the same movement with more waypoints, so that each volume is a few havens long; some 200 in all.
 
     Tracks whose haven or heights change from leg to leg, and great circles, stay as they are: their volumes are longer.
@@ -99,24 +111,64 @@ def _in_steps(scene: Scene, track: Track) -> Track:
     lengths_m = rhumb_distance(earth, lon[:-1], lat[:-1], lon[1:], lat[1:])
     haven_m = 2.0 * float(np.hypot(*track.outline_m.T).max())
     step_m = max(_HAVENS * haven_m, _LEAST_STEP_M, float(lengths_m.sum()) / _MOST_STEPS)
-    counts = np.minimum(np.maximum(np.ceil(lengths_m / step_m), 1.0).astype(np.int64), np.diff(track.times_us))
-    leg = np.repeat(np.arange(len(counts)), counts)
-    share = (np.arange(len(leg)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[leg]
     mu = earth.rectifying(np.radians(lat))
+    ends = earth.isometric(mu)
+    counts = np.minimum(np.maximum(np.ceil(lengths_m / step_m), 1.0).astype(np.int64), np.diff(track.times_us))
+    limits = track.tolerances or {}
+    radii_m = np.broadcast_to(limits.get("turn_radius_m", 0.0), (len(lat) - 2,)) if len(lat) > 2 else np.zeros(0)
+    if radii_m.any():
+        bearings = np.arctan2(np.radians(np.diff(lon)), np.diff(ends))
+        counts = np.minimum(counts, _undivided(lengths_m, bearings, radii_m))
+    leg = np.repeat(np.arange(len(counts)), counts)
+    first = np.cumsum(counts) - counts
+    share = (np.arange(len(leg)) - np.repeat(first, counts)) / counts[leg]
     between = mu[leg] + share * np.diff(mu)[leg]
-    psi, ends = earth.isometric(between), earth.isometric(mu)
+    psi = earth.isometric(between)
     rise = np.diff(ends)[leg]
     # Along a parallel the longitude changes evenly.
     east = np.where(np.abs(rise) > _LEVEL, (psi - ends[leg]) / np.where(rise == 0.0, 1.0, rise), share)
     places = np.stack([lon[leg] + east * np.diff(lon)[leg], np.degrees(earth.latitude(psi))], axis=1)
     places[share == 0.0] = np.stack([lon, lat], axis=1)[:-1]
     times_us = track.times_us[leg] + np.rint(share * np.diff(track.times_us)[leg]).astype(np.int64)
+    turns_m = np.zeros(max(len(leg) - 1, 0))
+    turns_m[first[1:] - 1] = radii_m
     return replace(
         track,
         positions_deg=np.concatenate([places, [[lon[-1], lat[-1]]]]),
         times_us=np.append(times_us, track.times_us[-1]),
+        tolerances=_in_legs(limits, leg, turns_m) or None,
         max_speed_kn=np.inf,
     )
+
+
+def _undivided(lengths_m: Floats, bearings: Floats, radii_m: Floats) -> NDArray[np.int64]:
+    """Return into how many parts a leg may be cut so that the arcs at its ends stay within the first and the last.
+
+    bearings : (n,) radians; radii_m : (n - 1,) of the arcs between legs
+    """
+    turns = np.abs(np.remainder(np.diff(bearings) + np.pi, 2.0 * np.pi) - np.pi)
+    # As the ribbons have them, a little longer.
+    arcs_m = 1.01 * np.minimum(
+        radii_m * np.tan(0.5 * np.minimum(turns, 3.0)), 0.5 * np.minimum(lengths_m[:-1], lengths_m[1:])
+    )
+    longest_m = np.maximum(np.append(0.0, arcs_m), np.append(arcs_m, 0.0))
+    parts = np.divide(lengths_m, 2.0 * longest_m, out=np.full(len(lengths_m), np.inf), where=longest_m > 0.0)
+    return np.asarray(np.clip(np.floor(parts), 1.0, float(2**40)).astype(np.int64))
+
+
+def _in_legs(limits: Mapping[str, Any], leg: NDArray[np.int64], turns_m: Floats) -> dict[str, Any]:
+    """Return tolerances for more legs, each a part of a leg of the plan.
+
+    leg : (n,) the leg of the plan that each belongs to
+    turns_m : (n - 1,) radii of turns
+    """
+    found = dict(limits)
+    for name in PER_LEG:
+        if isinstance(limits.get(name), Sequence):
+            found[name] = [limits[name][k] for k in leg.tolist()]
+    if "turn_radius_m" in found:
+        found["turn_radius_m"] = turns_m.tolist()
+    return found
 
 
 def _volume(

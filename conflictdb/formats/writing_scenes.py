@@ -1,11 +1,13 @@
 """Write scenes in memory to scene files, GeoJSON or GeoParquet."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import is_parquet
+from conflictdb.formats.unwritten import unwritten
 from conflictdb.formats.writing import whole_file, write_lines
 from conflictdb.model.plans import Area, Scene, Track, check_keys
 
@@ -14,8 +16,8 @@ def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Sce
     """Write plans and the settings of their scene to a file from which `read` and `load` get exactly these.
 
     GeoParquet if its name ends in .parquet, which needs the extra `parquet`; RTZ, KML, ED-318 or F3548 if it ends in
-    .rtz, .kml, .ed318.json or .f3548.json, which hold less; else GeoJSON. Compressed if its name ends
-    in .gz. The file appears when it is complete; if writing fails, an older file stays.
+    .rtz, .kml, .ed318.json or .f3548.json, which hold less, with a UserWarning of what they lose; else GeoJSON.
+    Compressed if its name ends in .gz. The file appears when it is complete; if writing fails, an older file stays.
 
     Raises InvalidInput for other objects than areas and tracks, and for keys that occur twice.
     """
@@ -28,6 +30,8 @@ def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Sce
     areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
     if not is_parquet(path):
         write_lines(path, object_lines(path, scene, areas, tracks))
+        for lost in unwritten(path, scene, areas, tracks):
+            warnings.warn(str(lost), UserWarning, stacklevel=2)
         return
     from conflictdb.arrays.arrow.object_rows import of_objects  # needs pyarrow
     from conflictdb.formats.parquet_writing import write_objects

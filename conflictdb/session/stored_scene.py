@@ -14,7 +14,7 @@ import psycopg
 
 from conflictdb.db import follow_attached, store
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.formats import object_lines, scene_text, write_lines
+from conflictdb.formats import object_lines, scene_text, unwritten, write_lines
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
@@ -901,8 +901,8 @@ class StoredScene:
         """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
 
         Names that end in .rtz, .kml, .ed318.json (areas only) or .f3548.json are written in these formats, all others
-        as GeoJSON; compressed if they end in .gz. The file appears when it is complete; if writing fails, an older file
-        stays.
+        as GeoJSON; compressed if they end in .gz. A UserWarning says what a format does not hold. The file appears when
+        it is complete; if writing fails, an older file stays.
 
         keys : of the objects to write; None: all. GeoParquet holds all
         """
@@ -918,6 +918,8 @@ class StoredScene:
                 if key not in known:
                     raise InvalidInput(f"scene {self.name!r}", "keys", f"has no object {key!r:.60}", str(path))
             write_lines(path, object_lines(path, scene, areas, tracks))
+            for lost in unwritten(path, scene, areas, tracks):
+                warnings.warn(str(lost), UserWarning, stacklevel=2)
 
     def write_geoparquet(self, stream: IO[bytes]) -> None:
         """Write the scene as GeoParquet that loads as exactly the same objects, in batches, however many there are.

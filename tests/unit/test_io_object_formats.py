@@ -1,6 +1,7 @@
 """Objects written in other formats: what is read again is the same, and volumes contain moving havens."""
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from route_files import rtz, s421, waypoint
 
 from conflictdb import Area, InvalidInput, Scene, Track, read, solve, write_scene_file
 from conflictdb.formats import FileHints, object_lines, write_lines
+from conflictdb.model.rules import Rule
 
 HOLE = [(4.6, 57.2), (4.7, 57.2), (4.7, 57.3)]
 SQUARE = shapely.MultiPolygon([shapely.Polygon([(4, 57), (5, 57), (5, 58), (4, 57)], [HOLE])])
@@ -260,6 +262,68 @@ def test_schedules_of_ed318_come_back(tmp_path: Path) -> None:
     area = Area("A1", SQUARE, None, BEGIN, BEGIN + 1000 * HOUR, schedule={"ed318": daily})
     (again,) = read(written(tmp_path / "out.ed318.json", [area], [])).areas
     assert (again.start_us, again.end_us, again.schedule) == (area.start_us, area.end_us, area.schedule)
+
+
+NAMES = ["out.kml", "out.rtz", "out.ed318.json", "out.f3548.json", "out.geojson", "out.parquet"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("object_class", ["ferry", "USPACE", None])
+@pytest.mark.parametrize("owner", ["line", None])
+def test_class_and_owner_come_back_from_each_format(
+    name: str, object_class: str | None, owner: str | None, tmp_path: Path
+) -> None:
+    """ED-318 and F3548 lost both: rules of the class were not applied, and objects of one owner were compared."""
+    pytest.importorskip("pyogrio" if name.endswith("kml") else "json")
+    more = {"object_class": object_class, "owner": owner, "properties": {"colour": "red", "type": "CONDITIONAL"}}
+    area = Area("A1", SQUARE, "n" * 300, BEGIN, BEGIN + HOUR, **more)  # type: ignore[arg-type]
+    track = Track("T1", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)], "m" * 300, **more)  # type: ignore[arg-type]
+    areas, tracks = ([], [track]) if name.endswith("rtz") else ([area], [] if "ed318" in name else [track])
+    write_scene_file([*areas, *tracks], tmp_path / name, Scene("s"))
+    found = read(tmp_path / name, hints=FileHints(unbounded_heights=True))
+    again = [*found.areas, *found.tracks]
+    volumes_of = {"A1/1": "A1"} | {one.key: "T1" for one in again if one.key.startswith("T1/")}
+    assert {volumes_of.get(one.key, one.key) for one in again} == {one.key for one in [*areas, *tracks]}
+    for one in again:
+        key = volumes_of.get(one.key, one.key)
+        assert (one.object_class, one.name) == (object_class, {"A1": "n", "T1": "m"}[key] * 300)
+        assert one.owner == (owner if owner or key == one.key else key)  # volumes of one plan are not compared
+        assert one.properties["colour"] == "red"
+        if name in ("out.geojson", "out.parquet"):
+            assert one.properties == more["properties"]
+
+
+def test_extended_properties_of_ed318_stay_the_users(tmp_path: Path) -> None:
+    own = {"extendedProperties": {"mine": 1}}
+    for properties, owner in ((own, "me"), (own, None), ({"extendedProperties": "text"}, "me")):
+        area = Area("A1", SQUARE, owner=owner, object_class="PROHIBITED", properties=properties)
+        (again,) = read(written(tmp_path / "out.ed318.json", [area], [])).areas
+        assert again.properties["extendedProperties"] == properties["extendedProperties"]
+        assert again.owner == owner
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_settings_and_schedules_that_a_format_lacks_are_said(name: str, tmp_path: Path) -> None:
+    """A scene's rules and separation were lost without a word."""
+    scene = Scene("s", separation_m=50.0, rules=[Rule("ferry", "area", separation_m=500.0)], horizon_days=30)
+    daily = {"schedule": {"days": ["TUE"], "periods": [["08:00", "10:00"]]}}
+    area = Area("A1", SQUARE, None, BEGIN, BEGIN + HOUR, spans_us=[(BEGIN, BEGIN + HOUR)], **daily)
+    track = Track("T1", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)])
+    plans = [track] if name.endswith("rtz") else [area]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        write_scene_file(plans, tmp_path / name, scene)
+    texts = [str(one.message) for one in caught]
+    if name in ("out.geojson", "out.parquet"):
+        assert texts == []
+        return
+    assert "holds no settings of a scene: separation_m, rules of 's' are not in the file" in texts[0]
+    assert len(texts) == (1 if name == "out.rtz" else 2)
+    if texts[1:]:
+        assert "1 objects are in the file with their activations within the horizon of 30 days" in texts[1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_scene_file([replace(one, schedule=None) for one in plans], tmp_path / name, Scene("s"))
 
 
 @pytest.mark.parametrize("name", ["plans.gpx", "plans.CSV.gz", "plans.s421", "plans.notam"])

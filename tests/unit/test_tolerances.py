@@ -19,6 +19,7 @@ from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.formats.volumes_writing import in_steps
 from conflictdb.kernel import KernelScene
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
@@ -237,6 +238,23 @@ def test_no_ship_on_the_arc_of_a_turn_leaves_its_haven(motion: Motion, plans: in
         sharp = replace(track, tolerances={**track.tolerances, "turn_radius_m": 0.0})
         missed += outside(scene, sharp, *ships)
     assert missed > 0
+
+
+def test_no_voyage_leaves_the_haven_of_a_plan_in_steps() -> None:
+    """Volumes of F3548 are those of a plan with more waypoints: limits of legs, and arcs of turns, stay as they are."""
+    rng = np.random.default_rng(42)
+    for _ in range(6):
+        scene, track = plan(rng, Motion.RHUMB)
+        assert outside(scene, in_steps(scene, track), *voyages(rng, Motion.RHUMB, track, 300)) == 0
+    more = 0
+    for k in range(24):
+        scene, track, ships = ships_on_arcs(rng, Motion.RHUMB, 200)
+        assert track.tolerances is not None
+        listed = {**track.tolerances, "turn_radius_m": [track.tolerances["turn_radius_m"]]}
+        stepped = in_steps(scene, replace(track, tolerances=listed) if k % 2 else track)
+        more += len(stepped.times_us) - len(track.times_us)
+        assert outside(scene, stepped, *ships) == 0
+    assert more > 0
 
 
 def test_a_haven_that_is_too_small_would_be_noticed() -> None:

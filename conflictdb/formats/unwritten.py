@@ -1,0 +1,44 @@
+"""Remark what a written format has no room for: settings of the scene, and schedules."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from conflictdb.formats.contents import Remark
+from conflictdb.formats.uas_zones_writing import has_only_ed318
+from conflictdb.model.plans import Area, Scene, Track
+
+# Formats by the ending of the name, without .gz, and the settings that their objects have, or that follow from these.
+_OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum"})
+_FORMATS: Final = {
+    ".rtz": ("RTZ", _OWN | {"motion", "earth"}),
+    ".kml": ("KML", _OWN),
+    ".ed318.json": ("ED-318", _OWN),
+    ".f3548.json": ("ASTM F3548", _OWN),
+}
+_MOST_NAMED: Final = 3
+
+
+def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
+    """Yield remarks on what the file of a name does not hold of a scene; none for scene files and GeoParquet."""
+    name = Path(path).name.lower().removesuffix(".gz")
+    form, own = next((one for ending, one in _FORMATS.items() if name.endswith(ending)), ("", _OWN))
+    if not form:
+        return
+    lost = [one for one in scene.differing(Scene(scene.name)) if one not in own]
+    if lost:
+        text = f"{form} holds no settings of a scene: {', '.join(lost)} of {scene.name!r:.60} are not in the file"
+        yield Remark(str(path), "file", text)
+    if form == "RTZ":
+        return
+    items: list[Area | Track] = [*areas, *tracks]
+    recurring = [one.key for one in items if one.schedule is not None and not (form == "ED-318" and _is_kept(one))]
+    if recurring:
+        named = ", ".join(map(repr, recurring[:_MOST_NAMED])) + (", …" if len(recurring) > _MOST_NAMED else "")
+        text = f"{form} holds no such schedules: {len(recurring):,} objects are in the file with their activations"
+        within = f"within the horizon of {scene.horizon_days:g} days, and with no later ones"
+        yield Remark(str(path), "file", f"{text} {within}: {named}")
+
+
+def _is_kept(item: Area | Track) -> bool:
+    return isinstance(item, Area) and has_only_ed318(item)
