@@ -99,34 +99,44 @@ COMMENT ON FUNCTION wait_for_delays(bigint, interval) IS
 
 -- Without a worker.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._leeway(
-    p_path geometry, p_horizon_us bigint, p_now_us bigint,
-    OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._first_stop(
+    p_path geometry, p_departures timestamptz[], OUT starts_us bigint, OUT leaves_us bigint
 )
 LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_first geometry := ST_StartPoint(p_path);
     v_stands integer := 1;
-    v_starts_us bigint := round(ST_M(v_first) * 1e6);
-    v_leaves_us bigint;
 BEGIN
     -- As conflictdb.earth.geodesy.is_standing.
     WHILE v_stands < ST_NPoints(p_path)
           AND NOT _is_moving(v_first, ST_PointN(p_path, v_stands + 1), 'great_circle', 'wgs84') LOOP
         v_stands := v_stands + 1;
     END LOOP;
-    v_leaves_us := round(ST_M(ST_PointN(p_path, v_stands)) * 1e6);
-    waits := v_stands > 1;
-    has_departed := coalesce(v_leaves_us < p_now_us, false);
-    first_us := CASE WHEN has_departed THEN 0
-                     ELSE greatest(-p_horizon_us, p_now_us - CASE WHEN p_now_us <= v_starts_us THEN v_starts_us
-                                                                  ELSE v_leaves_us END) END;
-    last_us := CASE WHEN has_departed THEN 0 ELSE p_horizon_us END;
+    -- All voyages are delayed together: by what the first one may be.
+    starts_us := coalesce(round(extract(epoch FROM p_departures[1]) * 1000000)::bigint, round(ST_M(v_first) * 1e6));
+    leaves_us := starts_us + round(ST_M(ST_PointN(p_path, v_stands)) * 1e6)::bigint - round(ST_M(v_first) * 1e6)::bigint;
 END
 $$;
-COMMENT ON FUNCTION _leeway(geometry, bigint, bigint) IS
+COMMENT ON FUNCTION _first_stop(geometry, timestamptz[]) IS
+'When the first voyage of a track begins, and leaves its first waypoint, microseconds; later if its first leg stands '
+'still.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._leeway(
+    p_starts_us bigint, p_leaves_us bigint, p_horizon_us bigint, p_now_us bigint,
+    OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint
+)
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_leaves_us > p_starts_us, d.has_departed,
+           CASE WHEN d.has_departed THEN 0
+                ELSE greatest(-p_horizon_us, p_now_us - CASE WHEN p_now_us <= p_starts_us THEN p_starts_us
+                                                             ELSE p_leaves_us END) END,
+           CASE WHEN d.has_departed THEN 0 ELSE p_horizon_us END
+    FROM (SELECT coalesce(p_leaves_us < p_now_us, false) AS has_departed) d;
+END;
+COMMENT ON FUNCTION _leeway(bigint, bigint, bigint, bigint) IS
 'The delays of a track that are possible, microseconds, if nothing departs before p_now_us (null: no limit); whether '
-'its first leg stands still, and whether it has left its first waypoint.';
+'its first leg stands still, and whether it has left its first waypoint (stages.delays.Leeway).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._stored_horizon_us(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -172,11 +182,8 @@ BEGIN
            coalesce(f.forbidden, '[]'), l.waits, l.has_departed, l.first_us / 1e6::float, l.last_us / 1e6::float
     FROM unnest(v_tracks) m
     JOIN track t ON t.track_id = m
-    -- All voyages are delayed together: by what the first one may be.
-    CROSS JOIN LATERAL _leeway(
-        t.path, p_horizon_us,
-        p_now_us - coalesce((extract(epoch FROM t.departures[1] - to_timestamp(ST_M(ST_StartPoint(t.path))))
-                             * 1000000)::bigint, 0)) l
+    CROSS JOIN LATERAL _first_stop(t.path, t.departures) s
+    CROSS JOIN LATERAL _leeway(s.starts_us, s.leaves_us, p_horizon_us, p_now_us) l
     CROSS JOIN LATERAL (SELECT range_agg(r * v_within) AS forbidden
                         FROM difference d CROSS JOIN unnest(d.forbidden_us) r
                         WHERE d.scene_id = p_scene_id AND d.track_id = t.track_id OFFSET 0) u
@@ -209,20 +216,47 @@ $$;
 COMMENT ON FUNCTION _known_delays(bigint, text, bigint, bigint) IS
 'delays_of, of a scene by id and with times in microseconds, from stored differences that are complete.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._delays_if_stored(
-    p_scene_id bigint, p_key text, p_horizon_us bigint, p_now_us bigint, OUT delays text
-) RETURNS SETOF text
-LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._stored_differences(
+    p_scene_id bigint, p_key text, p_horizon_us bigint, OUT key text, OUT starts_us bigint, OUT leaves_us bigint,
+    OUT others text[], OUT low_us bigint[], OUT high_us bigint[], OUT is_proven boolean[]
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+#variable_conflict use_column
+DECLARE
+    v_tracks bigint[];
 BEGIN
-    IF p_horizon_us <= _stored_horizon_us(p_scene_id) THEN
-        RETURN QUERY SELECT to_json(k.*)::text FROM _known_delays(p_scene_id, p_key, p_horizon_us, p_now_us) k;
-    ELSE
-        RETURN NEXT;  -- null
+    IF (p_horizon_us <= _stored_horizon_us(p_scene_id)) IS NOT TRUE THEN
+        RETURN NEXT;  -- nulls
+        RETURN;
     END IF;
+    -- A condition for both would read all tracks.
+    IF p_key IS NULL THEN
+        v_tracks := ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = p_scene_id);
+    ELSE
+        v_tracks := ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key);
+    END IF;
+    RETURN QUERY
+    SELECT t.key, s.starts_us, s.leaves_us, i.others, i.low_us, i.high_us, i.is_proven
+    FROM unnest(v_tracks) m
+    JOIN track t ON t.track_id = m
+    CROSS JOIN LATERAL _first_stop(t.path, t.departures) s
+    CROSS JOIN LATERAL (
+        SELECT coalesce(array_agg(coalesce(a.key, o.key)), '{}') AS others, coalesce(array_agg(r.low), '{}') AS low_us,
+               coalesce(array_agg(r.high), '{}') AS high_us, coalesce(array_agg(r.is_proven), '{}') AS is_proven
+        FROM difference d
+        LEFT JOIN area a ON d.other_kind = 0 AND a.area_id = d.other_id
+        LEFT JOIN track o ON d.other_kind = 1 AND o.track_id = d.other_id
+        CROSS JOIN LATERAL (
+            SELECT lower(f) AS low, upper(f) - 1 AS high, false AS is_proven FROM unnest(d.forbidden_us) f
+            UNION ALL SELECT lower(f), upper(f) - 1, true FROM unnest(d.proven_us) f) r
+        WHERE d.scene_id = p_scene_id AND d.track_id = t.track_id OFFSET 0) i
+    ORDER BY t.key;
 END
 $$;
-COMMENT ON FUNCTION _delays_if_stored(bigint, text, bigint, bigint) IS
-'The rows of _known_delays as JSON; a null if stored differences are not complete, or not within this horizon.';
+COMMENT ON FUNCTION _stored_differences(bigint, text, bigint) IS
+'Stored differences of a track, or of each, as closed intervals, forbidden or proven, with the key of the other object; '
+'when it begins, and leaves its first waypoint. A row of nulls: they are not complete, or not within this horizon.';
 
 CREATE OR REPLACE FUNCTION delays_of(
     p_scene text, p_key text DEFAULT NULL, p_horizon interval DEFAULT NULL, p_now timestamptz DEFAULT NULL

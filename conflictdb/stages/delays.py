@@ -107,6 +107,14 @@ class Differences:
         """Return the rows of all parts; at least one part."""
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
+    @classmethod
+    def of_intervals(cls, other: _Ints, low: _Ints, high: _Ints, is_inner: NDArray[np.bool_]) -> Self:
+        """Return the differences of one track from closed intervals (n,), outer and inner ones in rows of their own."""
+        never = np.full(len(other), 2 * FOREVER_US)
+        outer = np.where(is_inner, never, low), np.where(is_inner, -never, high)
+        inner = np.where(is_inner, low, never), np.where(is_inner, high, -never)
+        return cls(np.zeros(len(other), np.int64), other, *outer, *inner)
+
     def mirrored(self) -> "Differences":
         """Return the same delays as those of the other objects, which are tracks."""
         return Differences(self.other, self.track, -self.high, -self.low, -self.inner_high, -self.inner_low)

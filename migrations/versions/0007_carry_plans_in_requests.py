@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "de83f4bce80aa98dbf2a75b5a5a71a5df5f3410ff5b113492d9c258e688b6208"
+routines_sha256 = "3163ea55a1ef9c673a013cbef389a6237f0ba1d263a1ae79a7bd3dba0914a11e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -10,6 +10,7 @@ from shifting import meets_when_shifted
 
 from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
 from conflictdb.model.plans import Intervals
+from conflictdb.stages.delays import Differences
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000
@@ -341,6 +342,18 @@ def test_an_area_that_forbids_every_departure_from_now_on_blocks() -> None:
     assert (free.least_earlier_s is None, free.blocked_by) == (False, ())
     [found] = delays([EAST], [closed], SCENE, "east", now=at(-1000.0))
     assert (found.least_earlier_s, found.blocked_by) == (None, ("closed",))
+
+
+def test_an_object_blocks_only_if_its_intervals_cover_every_possible_delay() -> None:
+    """Of three: one reaches both ends and leaves a gap, one covers all in two parts, one ends before the range."""
+    both, parts, early, rest = 1, 2, 3, 4
+    rows = [(both, 0, 4), (both, 6, 10), (parts, -3, 5), (parts, 6, 12), (early, -9, -2), (early, 9, 20), (rest, 0, 10)]
+    other, low, high = np.array(rows, np.int64).T
+    found = Differences.of_intervals(other, low, high, np.zeros(len(rows), np.bool_))
+    outer, _ = found.forbidden(-20, 20)
+    assert found.blocking(outer, 0, 10) == {parts, rest}
+    assert found.blocking(outer, 7, 10) == {both, parts, rest}
+    assert found.blocking(outer, 0, 11) == {parts}
 
 
 @pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])

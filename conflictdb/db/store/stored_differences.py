@@ -3,7 +3,6 @@
 forget_differences; for each chunk of objects: pieces_near, bundles, write_differences
 """
 
-import json
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many
-from conflictdb.model.results import Delays, Forbidden
-from conflictdb.stages.delays import FirstStops
+from conflictdb.model.results import Delays
+from conflictdb.stages.delays import Differences, FirstStops, Leeway, delays_of
 from conflictdb.stages.pair_differences import PairDifferences
 
 _Ints = NDArray[np.int64]
@@ -68,15 +67,19 @@ def stored_delays(
 
     None if they are not complete, or not within this horizon. Unknown tracks are left out.
     """
-    rows = [row for (row,) in call_many(conn, "_delays_if_stored", scene_id, key, horizon_us, now_us)]
-    return None if None in rows else [_delays(**json.loads(row)) for row in rows]
-
-
-def _delays(forbidden: list[dict[str, Any]], blocked_by: list[str], **columns: Any) -> Delays:
-    numbers = {name: value if value is None else float(value) for name, value in columns.items() if name[-2:] == "_s"}
-    intervals = tuple(_forbidden(**one) for one in forbidden)
-    return Delays(**{**columns, **numbers, "forbidden": intervals, "blocked_by": tuple(blocked_by)})
-
-
-def _forbidden(is_proven: bool, by: list[str], **numbers: float) -> Forbidden:
-    return Forbidden(**{name: float(value) for name, value in numbers.items()}, is_proven=is_proven, by=tuple(by))
+    rows = call_many(conn, "_stored_differences", scene_id, key, horizon_us)
+    if any(row[0] is None for row in rows):
+        return None
+    found = []
+    for track, starts_us, leaves_us, others, low_us, high_us, is_proven in rows:
+        keys = dict(enumerate(sorted(set(others))))
+        number = {other: n for n, other in keys.items()}
+        differences = Differences.of_intervals(
+            np.array([number[other] for other in others], np.int64),
+            np.array(low_us, np.int64),
+            np.array(high_us, np.int64),
+            np.array(is_proven, np.bool_),
+        )
+        leeway = Leeway.between(starts_us, leaves_us, horizon_us, now_us)
+        found.append(delays_of(track, keys, differences, horizon_us, leeway))
+    return found
