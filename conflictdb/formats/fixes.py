@@ -25,6 +25,7 @@ class Fixes:
     """Rows of one object: line numbers, instants, positions, and the other cells by column.
 
     unbounded : columns of heights that a row with a position leaves empty
+    ruled : class and owner
     """
 
     lines: list[int] = field(default_factory=list)
@@ -34,6 +35,7 @@ class Fixes:
     lowest: dict[str, float] = field(default_factory=dict)
     constant: dict[str, str | None] = field(default_factory=dict)
     unbounded: set[str] = field(default_factory=set)
+    ruled: dict[str, str] = field(default_factory=dict)
 
 
 def tracks_of(
@@ -112,6 +114,8 @@ def _track_of(
         floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
         ceiling_m=None if "ceiling_m" in rows.unbounded else rows.largest.get("ceiling_m"),
         properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
+        object_class=rows.ruled.get("class"),
+        owner=rows.ruled.get("owner"),
         max_speed_kn=np.inf,  # unreachable fixes are left out above
     )
 

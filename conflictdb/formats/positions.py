@@ -1,9 +1,9 @@
 """Read files of observed positions such as AIS (CSV, one row per fix, any order): one track per vessel or aircraft.
 
 Columns ``id,time,lon,lat`` and, each where known, ``name``, the size (``length_m,width_m`` or
-``fore_m,aft_m,port_m,starboard_m``) and the heights (``floor_m,ceiling_m``); the names that AIS archives use are
-accepted too. Other columns whose value never changes for an object become its properties. Without any size column every
-object is a point; with length and width it is a rectangle centred on the reported position.
+``fore_m,aft_m,port_m,starboard_m``), the heights (``floor_m,ceiling_m``), ``class`` and ``owner``; the names that AIS
+archives use are accepted too. Other columns whose value never changes for an object become its properties. Without any
+size column every object is a point; with length and width it is a rectangle centred on the reported position.
 
 Observations always contain errors. Unusable data are left out and reported by name (`Skipped`): rows without identity,
 time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`, objects without
@@ -23,6 +23,7 @@ import numpy as np
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, check_columns
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.file_objects import RULED, TOLERANCES
 from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, tracks_of, without_size
 from conflictdb.formats.hints import given_haven, renamed
 from conflictdb.formats.instants import parse_instant
@@ -45,13 +46,19 @@ COLUMNS: Final = {
     "starboard_m": ("starboard_m", "to_starboard", "d"),
     "floor_m": ("floor_m",),
     "ceiling_m": ("ceiling_m",),
+    "class": ("class",),
+    "owner": ("owner",),
 }
 REQUIRED: Final = ("id", "time", "lon", "lat")
 # Names that no other column may resemble; names without influence on conflicts are not checked.
 _GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
-_ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
+_ELSEWHERE: dict[str, str] = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
     ("grow_mps", "outline_m", "outlines_m"),
     "is read from scene files only: positions have a size, as length or as sides",
+)
+_ELSEWHERE |= dict.fromkeys(
+    ("schedule", "departures", *TOLERANCES),
+    "is read from scene files only: positions are those of one voyage, as sailed",
 )
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
 _HEIGHTS: Final = {"floor_m": "floor", "ceiling_m": "ceiling"}
@@ -241,6 +248,11 @@ class _Reader:
             height = self._number(who, row, line, column)
             if height is not None:
                 seen[column] = widest(height, seen.get(column, height))
+        for column in RULED:
+            word = _cell(row[self.at[column]]) if column in self.at else None
+            if word is not None and own.ruled.setdefault(column, word) != word:
+                rule = f"must be the same in all rows of an object ({own.ruled[column]!r:.60}); got {word!r:.60}"
+                raise self._refusal(who, line, column, rule)
         named = [(self.at["name"], "name")] if "name" in self.at else []
         for i, name in (*named, *self.others):
             value = _cell(row[i])

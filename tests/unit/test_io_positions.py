@@ -254,3 +254,21 @@ def test_a_haven_fills_in_each_size_that_is_missing(
     """Ships with an empty cell were left out, although --haven was given; sides and lengths complete each other."""
     (track,) = ais(tmp_path, size, header=header, haven_m=(1, 2, 3, 4)).tracks
     assert track.outline_m.tolist() == rectangle_outline_m(*sides).tolist()
+
+
+def test_class_and_owner_are_those_of_the_object(tmp_path: Path) -> None:
+    rows = ("id,time,lon,lat,Class,owner", *(f"{key},2026-03-01T00:0{i}:00Z,4,57.{i},{rest}"
+            for key, rest in (("a", "ferry,line"), ("b", ",")) for i in (0, 1)))  # fmt: skip
+    a, b = read(tmp_path, *rows).tracks
+    assert (a.object_class, a.owner, a.properties) == ("ferry", "line", {})
+    assert (b.object_class, b.owner) == (None, None)
+    with pytest.raises(InvalidInput, match="line 3, Class: must be the same in all rows"):
+        read(tmp_path, rows[0], rows[1], rows[2].replace("ferry", "tug"))
+
+
+@pytest.mark.parametrize("member", ["schedule", "departures", "xtd_port_m", "departure_window", "max_speed_kn"])
+def test_members_of_scene_files_are_refused(tmp_path: Path, member: str) -> None:
+    """They would count for nothing, and conflicts be missed."""
+    rows = (f"id,time,lon,lat,{member}", *(f"a,2026-03-01T00:0{i}:00Z,4,57.{i},5" for i in (0, 1)))
+    with pytest.raises(InvalidInput, match=f"column {member}: is read from scene files only"):
+        read(tmp_path, *rows)
