@@ -9,7 +9,7 @@ from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.unwritten import unwritten
 from conflictdb.formats.writing import whole_file, write_lines
-from conflictdb.model.plans import Area, Scene, Track, check_keys
+from conflictdb.model.plans import LINES, Area, Scene, Track, check_keys, check_legs
 
 
 def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Scene) -> None:
@@ -19,7 +19,8 @@ def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Sce
     .rtz, .kml, .ed318.json or .f3548.json, which hold less, with a UserWarning of what they lose; else GeoJSON.
     Compressed if its name ends in .gz. The file appears when it is complete; if writing fails, an older file stays.
 
-    Raises InvalidInput for other objects than areas and tracks, and for keys that occur twice.
+    Raises InvalidInput for other objects than areas and tracks, for keys that occur twice, and for a track whose legs
+    are other lines than those of the scene.
     """
     for k, one in enumerate(plans):
         if not isinstance(one, Area | Track):
@@ -28,6 +29,7 @@ def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Sce
         raise InvalidInput("write_scene_file", "scene", f"must be a Scene; got {scene!r:.60}")
     check_keys(one.key for one in plans)
     areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
+    check_legs(LINES[scene.motion], tracks)  # files do not say it of each track
     if not is_parquet(path):
         write_lines(path, object_lines(path, scene, areas, tracks))
         for lost in unwritten(path, scene, areas, tracks):

@@ -56,6 +56,8 @@ MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
 
 
+LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
+
 # A scene that does not say gets the earth of its motion.
 _BY_MOTION: Final = cast(EarthModel, None)
 
@@ -533,6 +535,16 @@ def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
     for name in ("floor_m", "ceiling_m"):
         with refusals:
             _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
+
+
+def check_legs(lines: str, tracks: Iterable[Track]) -> None:
+    """Raise InvalidInput for the first track whose legs are other lines than those of a scene, one of LINES."""
+    for track in tracks:
+        if track.legs is not None and LINES[track.legs] != lines:
+            rule = f"are {LINES[track.legs]}, and the scene follows {lines}"
+            raise InvalidInput(
+                _named("track", track.key), "legs", f"{rule}: use a scene with motion {track.legs.value}"
+            )
 
 
 def check_datums(scene: Scene, objects: Iterable[Area | Track]) -> None:

@@ -24,7 +24,7 @@ from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Motion, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Track, check_legs
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
 from conflictdb.stages.pieces.ribbons import with_ribbons
@@ -43,7 +43,6 @@ MAX_SLICES_FOR_DEVIATION: Final = 1024
 # An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
 # As the planes name them.
-_LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
 def check_plane(
@@ -57,10 +56,7 @@ def check_plane(
     flat = _checked_areas(plane, areas) if areas else np.empty(0, object)
     if not tracks:
         return flat, None
-    for track in tracks:
-        if track.legs is not None and _LINES[track.legs] != plane.lines:
-            rule = f"are {_LINES[track.legs]}, and the scene follows {plane.lines}"
-            raise InvalidInput(f"track {track.key!r}", "legs", f"{rule}: use a scene with motion {track.legs.value}")
+    check_legs(plane.lines, tracks)
     batch = TrackBatch.of(tracks, once=True)
     outside = np.flatnonzero(~plane.holds(*batch.positions_deg.T))
     if outside.size:
