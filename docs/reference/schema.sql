@@ -277,7 +277,8 @@ TABLE probe_request (
     plans jsonb,
     owner text,
     allow_known boolean NOT NULL DEFAULT false,
-    admission jsonb
+    admission jsonb,
+    replace text[]
 );
 
 TABLE proposal (
@@ -844,6 +845,11 @@ CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TAB
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER area_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('0', 'area_id') -- replicas;
 CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
+CREATE TRIGGER attached_change_deleted AFTER DELETE ON conflictdb.attached_change REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_change_updated AFTER UPDATE ON conflictdb.attached_change REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_object_deleted AFTER DELETE ON conflictdb.attached_object REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_object_inserted AFTER INSERT ON conflictdb.attached_object REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_object_updated AFTER UPDATE ON conflictdb.attached_object REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _before_attachment() -- always;
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EACH ROW EXECUTE FUNCTION _branch_edit_before() -- always;
@@ -888,6 +894,9 @@ FUNCTION _add_staged(p_scene_id bigint, p_first_page bigint, OUT added bigint, O
 
 FUNCTION _admission_holders(p_scene_id bigint)
     RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _after_attached_written()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -1144,9 +1153,6 @@ FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'ou
 FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _check_owners_of(p_scene_id bigint, p_plans jsonb, p_owner text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1154,6 +1160,9 @@ FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_plans(p_plans jsonb)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_replaced(p_scene_id bigint, p_plans jsonb, p_owner text, p_replace text[])
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_role(p_who text, p_role text)
@@ -1306,6 +1315,9 @@ FUNCTION _explained_text(j jsonb)
 FUNCTION _find_attached(p_scene text, p_table text)
     RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, OUT departs_us bigint[])
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1317,6 +1329,9 @@ FUNCTION _footprints(p_area_ids bigint[])
 
 FUNCTION _forget_differences(p_scene_id bigint, p_numbers bigint[])
     RETURNS bytea LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
+FUNCTION _free_attached_name(p_attachment_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
 
 FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1380,6 +1395,9 @@ FUNCTION _identity_of(p_alias text, p_columns text[])
 
 FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _instants_of(p_instants jsonb)
+    RETURNS timestamp with time zone[] LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1766,7 +1784,7 @@ FUNCTION _request_probes(p_scene text, p_keys text[], p_kinds integer[], p_footp
     RETURNS bigint[] LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _requested_admission(p_probe_id bigint)
-    RETURNS TABLE(owner text, allow_known boolean) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+    RETURNS TABLE(owner text, allow_known boolean, replace text[]) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1915,6 +1933,12 @@ FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint,
 FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _span_of(p_text text)
+    RETURNS tstzrange LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _spans_of(p_text text)
+    RETURNS tstzmultirange LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -2050,7 +2074,7 @@ FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last b
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION admit(p_scene text, p_plans jsonb, p_owner text DEFAULT NULL::text, p_allow_known boolean DEFAULT false, OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint)
+FUNCTION admit(p_scene text, p_plans jsonb, p_owner text DEFAULT NULL::text, p_allow_known boolean DEFAULT false, p_replace text[] DEFAULT '{}'::text[], OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
