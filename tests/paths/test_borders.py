@@ -18,6 +18,7 @@ from full_plans import HOUR_US, SCENE, Border, Plan, lost, specimens, track, val
 
 from conflictdb import formats
 from conflictdb.arrays.arrow.object_rows import of_objects, to_objects
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.from_frames import TimeZone, areas_of, tracks_of
 from conflictdb.formats.hints import FileHints
@@ -27,6 +28,8 @@ from conflictdb.map.editing import PlanMove, digest, moved
 from conflictdb.map.what_if import packed
 from conflictdb.model.plans import Area, Motion, Track, VerticalDatum
 from conflictdb.model.recurring_plans import later
+from conflictdb.spark.cut_objects import cut
+from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 _RECURS: Final = "spans_us", "departures_us", "schedule"
 
@@ -145,6 +148,19 @@ def by_arrow(plan: Plan) -> Plan:
     return only(to_objects(of_objects(*split(plan))))
 
 
+def by_spark(plan: Plan) -> Plan:
+    """Rows of objects, as Spark cuts them, have the digest of the plan: it has all fields on which conflicts depend."""
+    areas, tracks = split(plan)
+    rows = list(cut([of_objects(areas, tracks)], SCENE))
+    refused = [one for row in rows for one in row.column("refused").to_pylist() if one is not None]
+    if refused:
+        raise ConflictDBError(refused[0])
+    found = [one for row in rows for one in row.column("digest").to_pylist() if one is not None]
+    mine = area_digests(AreaBatch.of(areas)) if areas else track_digests(TrackBatch.of(tracks))
+    assert found == mine.tolist()
+    return plan
+
+
 def by_page(plan: Plan) -> Plan:
     """The plan that the page is given, which it shows and moves."""
     assert isinstance(plan, Track)
@@ -199,6 +215,7 @@ IN_MEMORY: Final[Mapping[str, Callable[[Path], Border]]] = {
         kinds=(Track,),
     ),
     "Arrow": lambda _: Border(by_arrow),
+    "rows of Spark": lambda _: Border(by_spark, refuses={"schedule": "is not expanded"}),
     "frames": lambda _: Border(by_frame),
     "page": lambda _: Border(by_page, refuses={"departures_us": _VOYAGES, "schedule": _VOYAGES}, kinds=(Track,)),
     "moved on the page": lambda _: Border(
