@@ -101,7 +101,7 @@ class Parts:
 
     settings : of its scene, None if the file has none
     each : areas and tracks in batches; can be read once
-    refusals, skipped, remarks : those of the parts read so far
+    refusals, skipped, remarks, derived : those of the parts read so far; of the derived ids the first
     """
 
     settings: Scene | None
@@ -109,6 +109,7 @@ class Parts:
     refusals: FileRefusals = field(default_factory=FileRefusals)
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
+    derived: list[str] = field(default_factory=list)
 
 
 class _Keyed(Protocol):
@@ -127,6 +128,11 @@ def given_twice(item: str, where: str) -> InvalidInput:
     where : places of both, as text
     """
     return InvalidInput(item, "id", f"is given twice, by {where}; ids must be unique in the scene")
+
+
+def row_id(stem: str, number: object) -> str:
+    """Return the id of an object that has none: the name of its file, and the number of its row."""
+    return f"{stem}.{number}"
 
 
 def rows_apart(first: int, row: int) -> str:
@@ -178,6 +184,8 @@ class Contents(_Contents):
     scene : its settings, None if the file names no scene
     skipped : rows and objects that were left out
     remarks : remarks on the remaining objects; an attribute, not part of the tuple
+    derived : ids that the file does not say: names, or numbers of rows; an attribute
     """
 
     remarks: Sequence[Remark] = ()
+    derived: Sequence[str] = ()

@@ -93,6 +93,7 @@ class FileContext:
     systems : reference systems that it names
     corners : count of all circles' corners
     datum : what its heights are above
+    row_ids : begins the ids of objects without one; empty: they are refused
     """
 
     scene: Scene
@@ -102,6 +103,7 @@ class FileContext:
     systems: Systems = field(default_factory=dict)
     corners: Corners = field(default_factory=Corners)
     datum: Callable[[], VerticalDatum] = vertical_datum
+    row_ids: str = ""
 
     @classmethod
     def of_settings(cls, settings: Scene | None, stem: str, *rest: Any, **more: Any) -> Self:

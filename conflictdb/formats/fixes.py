@@ -1,7 +1,8 @@
 """Build tracks from observed fixes; unusable fixes are left out and noted."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,13 @@ from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
 LENGTH_WIDTH: Final = ("length_m", "width_m")
+# Fixes of a track, at least.
+_LEAST_FIXES: Final = 2
+# Two ships of one identity: how often their fixes alternate at least, how many of the others one ship explains, and how
+# many ships are told apart.
+_LEAST_RUNS: Final = 3
+_NEARLY_ALL: Final = 0.8
+_MOST_SHIPS: Final = 4
 # Limit of the search for a predecessor, in fixes and in runs; bounds the work on unusable data.
 _LOOK_BACK: Final = 100
 
@@ -52,12 +60,15 @@ def tracks_of(
     left_out : line numbers by key and reason
     """
     refusals = FileRefusals()
-    tracks = []
-    for key, rows in objects:
+    tracks: list[Track] = []
+    given = list(objects)
+    keys = {key for key, _ in given}
+    for key, rows in given:
         with refusals:
-            track = _track_of(key, rows, size_columns, max_speed_kn, left_out)
-            if track is not None:
-                tracks.append(track)
+            for number, ship in enumerate(_ships_of(key, rows, size_columns, max_speed_kn, left_out), 1):
+                name = key if number == 1 else next(one for one in _numbered(key, number) if one not in keys)
+                keys.add(name)
+                tracks.append(_track_of(name, rows, ship, size_columns))
     refusals.raise_found()
     kept = {track.key for track in tracks}
     return tracks, [
@@ -66,49 +77,98 @@ def tracks_of(
     ]
 
 
-def _track_of(
+def _numbered(key: str, number: int) -> Iterator[str]:
+    yield from (f"{key}/{one}" for one in count(number))
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Fixes in the order of time: line numbers (n,), instants (n,) and positions (n, 2)."""
+
+    lines: NDArray[np.int64]
+    times_us: NDArray[np.int64]
+    positions_deg: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def of(self, chosen: NDArray[np.bool_]) -> "_Course":
+        """Return some of the fixes."""
+        return _Course(self.lines[chosen], self.times_us[chosen], self.positions_deg[chosen])
+
+    def at_taken_times(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which fixes (n,) have the time of an earlier one, and which of these are at another place."""
+        again = np.concatenate([[False], self.times_us[1:] == self.times_us[:-1]])[: len(self)]
+        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(again))))
+        return again, again & np.any(self.positions_deg != self.positions_deg[first], axis=1)
+
+    def of_one_ship(self, limit_mps: float) -> NDArray[np.bool_]:
+        """Return the fixes (n,) of one ship, as many as possible: one at a time, each reached from the one before."""
+        once = ~self.at_taken_times()[0]
+        found = np.zeros(len(self), np.bool_)
+        found[once] = _reachable(self.times_us[once], self.positions_deg[once], limit_mps)
+        return found
+
+
+def _ships_of(
     key: str, rows: Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
-) -> Track | None:
-    """Return the track of one object's usable fixes, None if they make no track; note omissions."""
+) -> Iterator[_Course]:
+    """Yield the usable fixes of one object, and those of other ships of the same identity; note omissions."""
     if not rows.lines:
-        return None  # the reasons are noted already
-    outline_m = _outline(rows.largest, size_columns)
-    if outline_m is None:
+        return  # the reasons are noted already
+    if _outline(rows.largest, size_columns) is None:
         missing = [column for column in size_columns if column not in rows.largest]
         left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)
-        return None
+        return
     order = np.argsort(np.array(rows.times_us, dtype=np.int64), kind="stable")
-    times_us = np.array(rows.times_us, dtype=np.int64)[order]
-    positions = np.array(rows.positions_deg, dtype=np.float64).reshape(-1, 2)[order]
-    lines = np.array(rows.lines, dtype=np.int64)[order]
-
-    def keep(chosen: NDArray[np.bool_]) -> None:
-        nonlocal times_us, positions, lines
-        times_us, positions, lines = times_us[chosen], positions[chosen], lines[chosen]
-
-    again = np.concatenate([[False], times_us[1:] == times_us[:-1]])[: len(times_us)]
-    if again.any():
-        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(again))))
-        elsewhere = np.any(positions != positions[first], axis=1)
+    course = _Course(
+        np.array(rows.lines, dtype=np.int64)[order],
+        np.array(rows.times_us, dtype=np.int64)[order],
+        np.array(rows.positions_deg, dtype=np.float64).reshape(-1, 2)[order],
+    )
+    again, elsewhere = course.at_taken_times()
+    same = again & ~elsewhere
+    if same.any():
+        left_out[key, "the same fix as an earlier row"].extend(course.lines[same].tolist())
+        course = course.of(~same)
+    limit_mps = max_speed_kn * MPS_PER_KNOT
+    for _ in range(_MOST_SHIPS):
+        own = course.of_one_ship(limit_mps)
+        if own.sum() >= _LEAST_FIXES:
+            yield course.of(own)
+        else:
+            left_out[key, "a single fix: no movement to follow"].extend(course.lines[own].tolist())
+        if not _is_another_ship(course, own, limit_mps):
+            break
+        course, own = course.of(~own), np.zeros(int((~own).sum()), np.bool_)
+    rest = ~own
+    if rest.any():
+        elsewhere = course.at_taken_times()[1] & rest
         for chosen, reason in (
-            (again & ~elsewhere, "the same fix as an earlier row"),
-            (again & elsewhere, "at another place at the same time as an earlier row"),
+            (elsewhere, "at another place at the same time as an earlier row"),
+            (rest & ~elsewhere, f"not reached from the fixes around it at {max_speed_kn:g} kn"),
         ):
             if chosen.any():
-                left_out[key, reason].extend(lines[chosen].tolist())
-        keep(~again)
-    reached = _reachable(times_us, positions, max_speed_kn * MPS_PER_KNOT)
-    if not reached.all():
-        reason = f"not reached from the fixes around it at {max_speed_kn:g} kn"
-        left_out[key, reason].extend(lines[~reached].tolist())
-        keep(reached)
-    if len(times_us) < 2:
-        left_out[key, "a single fix: no movement to follow"].extend(lines.tolist())
-        return None
+                left_out[key, reason].extend(course.lines[chosen].tolist())
+
+
+def _is_another_ship(course: _Course, own: NDArray[np.bool_], limit_mps: float) -> bool:
+    """Return whether the fixes that are not a ship's own alternate with these, and are nearly all of one other ship."""
+    begins = np.diff(np.concatenate([[0], ~own])) == 1
+    if begins.sum() < _LEAST_RUNS:
+        return False
+    rest = course.of(~own)
+    return float(rest.of_one_ship(limit_mps).mean()) >= _NEARLY_ALL
+
+
+def _track_of(key: str, rows: Fixes, course: _Course, size_columns: Sequence[str]) -> Track:
+    """Return the track of the fixes of one ship."""
+    outline_m = _outline(rows.largest, size_columns)
+    assert outline_m is not None  # noqa: S101
     return Track(
         key,
-        positions,
-        all_certain(times_us),
+        course.positions_deg,
+        all_certain(course.times_us),
         outline_m,
         name=rows.constant.get("name"),
         floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
@@ -116,7 +176,7 @@ def _track_of(
         properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
         object_class=rows.ruled.get("class"),
         owner=rows.ruled.get("owner"),
-        max_speed_kn=np.inf,  # unreachable fixes are left out above
+        max_speed_kn=np.inf,  # unreachable fixes are left out
     )
 
 

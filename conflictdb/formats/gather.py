@@ -22,6 +22,7 @@ class Plan:
     settings : from a file, None if no file has settings
     sources : the files, in the order given
     source_of : the file of each object, by key
+    derived : ids that no file says
     """
 
     name: str
@@ -32,6 +33,7 @@ class Plan:
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     source_of: dict[str, str] = field(default_factory=dict)
+    derived: list[str] = field(default_factory=list)
 
     def leave_out(self, source: str, refused: InvalidInput) -> None:
         """Leave out the refused objects of a file, by name."""
@@ -160,3 +162,4 @@ def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> Non
     plan.tracks.extend(contents.tracks)
     plan.skipped.extend(contents.skipped)
     plan.remarks.extend(contents.remarks)
+    plan.derived.extend(contents.derived)

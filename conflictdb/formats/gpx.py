@@ -11,7 +11,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
-from conflictdb.formats.contents import SAYS_NO_SIZES, Contents, Remark, Skipped
+from conflictdb.formats.contents import SAYS_NO_SIZES, Contents, Remark, Skipped, row_id
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import departure
 from conflictdb.formats.instants import parse_instant
@@ -35,7 +35,6 @@ def read_gpx(
 
     layers : of waypoints, routes and tracks; none: all
     """
-    del stem
     unknown = [name for name in layers if name not in _LAYERS]
     if unknown:
         rule = f"there is no layer {unknown[0]!r:.60}; the file has {', '.join(_LAYERS)}"
@@ -49,15 +48,15 @@ def read_gpx(
     observed: list[tuple[str, Fixes]] = []
     missing: dict[tuple[str, str], list[int]] = defaultdict(list)
     if not layers or {"tracks", "track_points"} & set(layers):
-        observed = list(_segments(root, missing))
+        observed = list(_segments(root, stem, missing))
     if not layers or {"routes", "route_points"} & set(layers):
         routes = list(enumerate(root.each("rte"), 1))
         timed = [(nth, one) for nth, one in routes if _departure(one) is not None or departure()[0] is not None]
         untimed = len(routes) - len(timed)
-        names = _route_names(timed, {key for key, _ in observed})
+        names = _route_names(timed, stem, {key for key, _ in observed})
         for number, route in timed:
             name = route.value("name")
-            key = name if name in names else f"route {number}"
+            key = name if name in names else row_id(stem, f"route {number}")
             with found.refusals:
                 found.add_route(f"route {number}", f"route {key!r}", _planned(key, route), max_speed_kn)
         if untimed:
@@ -67,21 +66,22 @@ def read_gpx(
     contents = found.contents(skip_invalid=skip_invalid)
     contents.tracks.extend(tracks)
     contents.skipped.extend([*skipped, *rest])
+    contents.derived = [track.key for track in contents.tracks]
     if contents.tracks:
         contents.remarks = [Remark(source, "file", _NO_SIZES)]
     return contents
 
 
-def _segments(root: Element, missing: dict[tuple[str, str], list[int]]) -> Iterator[tuple[str, Fixes]]:
+def _segments(root: Element, stem: str, missing: dict[tuple[str, str], list[int]]) -> Iterator[tuple[str, Fixes]]:
     """Yield the key and the fixes of each segment of each track; points without a time are noted as missing."""
     every = list(root.each("trk"))
-    names = _track_names(root, every)
+    names = _track_names(root, stem, every)
     number = 0
     for nth, track in enumerate(every, 1):
         name = track.value("name")
         segments = _segments_of(track)
         for part, segment in enumerate(segments, 1):
-            key = (name if name in names else str(nth)) + (f".{part}" if len(segments) > 1 else "")
+            key = (name if name in names else row_id(stem, nth)) + (f".{part}" if len(segments) > 1 else "")
             fixes = Fixes(constant={"name": name})
             for point in segment.each("trkpt"):
                 number += 1
@@ -103,24 +103,24 @@ def _segments_of(track: Element) -> list[Element]:
     return [one for one in track.each("trkseg") if one.child("trkpt") is not None]
 
 
-def _track_names(root: Element, tracks: Sequence[Element]) -> set[str]:
+def _track_names(root: Element, stem: str, tracks: Sequence[Element]) -> set[str]:
     """Return the names that are keys: those of one track, which are no number of a track and no key of a segment."""
     same = Counter(track.value("name") for track in tracks)
-    taken = {f"route {number}" for number, _ in enumerate(root.each("rte"), 1)}
+    taken = {row_id(stem, f"route {number}") for number, _ in enumerate(root.each("rte"), 1)}
     for nth, track in enumerate(tracks, 1):
         parts = len(_segments_of(track))
-        starts = (str(nth), track.value("name")) if parts > 1 else ()
-        taken |= {str(nth), *(f"{start}.{part}" for start in starts for part in range(1, parts + 1))}
+        starts = (row_id(stem, nth), track.value("name")) if parts > 1 else ()
+        taken |= {row_id(stem, nth), *(f"{start}.{part}" for start in starts for part in range(1, parts + 1))}
     return {name for name, count in same.items() if name and count == 1 and name not in taken}
 
 
-def _route_names(routes: Sequence[tuple[int, Element]], keys: Set[str]) -> set[str]:
+def _route_names(routes: Sequence[tuple[int, Element]], stem: str, keys: Set[str]) -> set[str]:
     """Return the names of numbered routes that are keys: those of one route, which are no number of a route.
 
     keys : of tracks, which no route has
     """
     same = Counter(route.value("name") for _, route in routes)
-    taken = {f"route {number}" for number, _ in routes} | keys
+    taken = {row_id(stem, f"route {number}") for number, _ in routes} | keys
     return {name for name, count in same.items() if name and count == 1 and name not in taken}
 
 

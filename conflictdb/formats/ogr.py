@@ -40,6 +40,7 @@ from conflictdb.formats.contents import (
     given_twice,
     left_out,
     name_of,
+    row_id,
 )
 from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, area_of_polygon, track_of_line, unusable
 from conflictdb.formats.fields import MAX_KEY_BYTES
@@ -122,9 +123,17 @@ class Layer:
 
 
 def read_objects(
-    path: Path, max_file_mb: float, max_speed_kn: float, names: Sequence[str] = (), *, skip_invalid: bool = False
+    path: Path,
+    max_file_mb: float,
+    max_speed_kn: float,
+    names: Sequence[str] = (),
+    *,
+    stem: str,
+    skip_invalid: bool = False,
 ) -> Contents:
     """Return the areas and tracks of a file that OGR opens; raises InvalidInput, also without pyogrio.
+
+    stem : begins the ids of features that have none
 
     max_file_mb, max_speed_kn : see `conflictdb.formats.read`
     names : layers to read; none: all
@@ -145,9 +154,10 @@ def read_objects(
     chosen = [replace(layer, fields=renamed(layer.fields)) for layer in layers if not names or layer.name in names]
     contents = Contents(None, [], [], [])
     refusals = FileRefusals()
-    names_of = _kml_keys(layers)
+    starts = {layer.name: _start(stem, layer.name, len(layers)) for layer in layers}
+    names_of = _kml_keys(layers, starts)
     timed_lines = _TimedLines(document)
-    _read_features(str(path), chosen, names_of, len(layers) > 1, max_speed_kn, contents, refusals, timed_lines)
+    _read_features(str(path), chosen, names_of, starts, max_speed_kn, contents, refusals, timed_lines)
     if timed_lines.lines:
         with refusals:
             timed_lines.read(str(path), max_speed_kn, contents, refusals)
@@ -189,7 +199,7 @@ def _read_features(
     source: str,
     layers: Sequence[Layer],
     names: Mapping[tuple[str, int], str],
-    prefixed: bool,
+    starts: Mapping[str, str],
     max_speed_kn: float,
     contents: Contents,
     refusals: Refusals,
@@ -198,20 +208,24 @@ def _read_features(
     """Add the areas and tracks of some layers; errors are added to the refusals.
 
     names : the keys of some features, by layer and number
-    prefixed : whether other keys begin with the name of the layer
+    starts : of other keys, by layer
     """
     seen: dict[str, str] = {}
+    derived: set[str] = set()
     items: list[Area | Track | TrackAtSpeed] = []
     scene = Scene("file")
     for layer in layers:
         numbers = layer.numbers
-        keys = [names.get((layer.name, number)) or _key(layer, number, prefixed=prefixed) for number in numbers]
+        start = starts[layer.name]
+        keys = [names.get((layer.name, number)) or row_id(start, number) for number in numbers]
+        derived.update(keys)
         for where, item in _features(source, layer, keys, scene, contents, refusals, timed_lines):
             first = seen.setdefault(item.key, where)
             with refusals:
                 if first != where:
                     raise given_twice(name_of(item), f"{first} and {where}")
                 items.append(item)
+    contents.derived = [item.key for item in items if item.key in derived]
     areas, tracks = timed(items, scene, max_speed_kn, refusals)
     contents.areas.extend(areas)
     contents.tracks.extend(tracks)
@@ -284,7 +298,12 @@ def _whole_names(who: str, layer: Layer) -> list[str]:
     return names
 
 
-def _kml_keys(layers: Sequence[Layer]) -> dict[tuple[str, int], str]:
+def _start(stem: str, layer: str, layers: int) -> str:
+    """Return the start of the keys of features without one: the name of the file, and of one of several layers."""
+    return stem if layers == 1 or layer == stem else f"{stem}.{layer}"
+
+
+def _kml_keys(layers: Sequence[Layer], starts: Mapping[str, str]) -> dict[tuple[str, int], str]:
     """Return the names of features of KML that no other feature has as its name or number, by layer and number.
 
     layers : all of the file, so that keys do not depend on those that are read
@@ -297,18 +316,13 @@ def _kml_keys(layers: Sequence[Layer]) -> dict[tuple[str, int], str]:
                 names |= {(layer.name, number): str(one) for number, one in given if one and str(one).strip()}
     if not names:
         return {}
-    numbers = {_key(layer, number, prefixed=len(layers) > 1) for layer in layers for number in layer.numbers}
+    numbers = {row_id(starts[layer.name], number) for layer in layers for number in layer.numbers}
     same = Counter(names.values())
     return {
         of: name
         for of, name in names.items()
         if same[name] == 1 and name not in numbers and len(name.encode()) <= MAX_KEY_BYTES
     }
-
-
-def _key(layer: Layer, number: int, *, prefixed: bool) -> str:
-    """Return the key of a feature without another one."""
-    return f"{layer.name}.{number}" if prefixed else str(number)
 
 
 def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
@@ -373,5 +387,6 @@ class _TimedLines:
         tracks, rest = tracks_of(source, observed, (), max_speed_kn, defaultdict(list))
         contents.tracks.extend([*sized, *tracks])
         contents.skipped.extend(rest)
+        contents.derived = [*contents.derived, *(one.key for one in self.lines if not one.values.get("id"))]
         if tracks:
             contents.remarks = [Remark(source, "file", f"{SAYS_NO_SIZES}: its gx:Tracks are points")]

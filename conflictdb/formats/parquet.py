@@ -39,6 +39,7 @@ from conflictdb.formats.contents import (
     given_twice,
     left_out,
     name_of,
+    row_id,
     rows_apart,
 )
 from conflictdb.formats.features import (
@@ -83,6 +84,7 @@ First = Callable[[str, int], int]
 class _Found:
     """The objects of a part.
 
+    stem : begins the ids of rows without one; `derived` has the first of these
     others : rows of unusable geometry, by type, over all parts
     time_like : the columns of lines among them that look like times
     """
@@ -91,6 +93,8 @@ class _Found:
     first: First
     settings: Scene | None
     fastest_kn: float
+    stem: str = ""
+    derived: list[str] = field(default_factory=list)
     items: list[Area | Track | TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
     time_like: dict[str, None] = field(default_factory=dict)
@@ -136,6 +140,7 @@ def read_parquet(
         parts.refusals.raise_found()
     contents = Contents(parts.settings, areas, tracks, [*left_out(str(path), parts.refusals), *parts.skipped])
     contents.remarks = parts.remarks
+    contents.derived = parts.derived
     return contents
 
 
@@ -156,7 +161,7 @@ def parquet_parts(
         metadata = metadata_of("file", schema)
         settings = scene_of(metadata["scene"], stem) if metadata.get("scene") is not None else None
         parts = Parts(settings, iter(()))
-        found = _Found(parts.refusals, first, settings, fastest_kn)
+        found = _Found(parts.refusals, first, settings, fastest_kn, stem, parts.derived)
         layout = Layout.of(schema)
         is_own = metadata.get("form") == OBJECTS.name
         if is_own or _fits(schema):
@@ -296,7 +301,10 @@ def _add_rows(
     for i, shape in enumerate(shapes):
         where = f"row {row + i}"
         values = {name: column[i] for name, column in zip(names, columns, strict=True)}
-        number = str(number_as_key(values.pop(_INDEX, row + i)))
+        index = values.pop(_INDEX, row + i)
+        number = index if isinstance(index, str) else row_id(found.stem, number_as_key(index))
+        if not found.derived and all(values.get(name) is None for name in names if name.lower() == "id"):
+            found.derived.append(number)
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and (has_times or bool(measured[i]))
         is_circle = kind == shapely.GeometryType.POINT and any(name.lower() == "radius_m" for name in names)

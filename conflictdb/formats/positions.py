@@ -69,6 +69,8 @@ MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
 # As the Danish AIS archive writes times: 31/12/2025 23:59:59.
 _DAY_FIRST: Final = re.compile(r"(\d\d)/(\d\d)/(\d{4})[ T]+(\d\d:\d\d.*)")
+# An identity that a spreadsheet has rounded: 2.19E+08.
+_ROUNDED: Final = re.compile(r"\d+([.,]\d+)?[eE]\+?\d+")
 _NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
 # Numbers in this range are seconds since 1970 (1973 to 5138): dates in digits (20260301) and milliseconds lie outside.
 EARLIEST_S: Final = 100_000_000
@@ -112,6 +114,10 @@ def read_positions(
     if unsized:
         of = f"{len(unsized):,} of {len(fixes):,} objects have"
         texts.append(f"{of} no size and are left out, such as {unsized[0]!r:.60}: --haven gives them one")
+    others = [track.key for track in tracks if track.key not in fixes]
+    if others:
+        of = f"{len(others):,} more ships than ids: fixes of one id alternate between places"
+        texts.append(f"{of} that one ship cannot reach, so there are two ships; the other is {others[0]!r:.60}")
     flat = [key for key, rows in fixes.items() if reader.is_flat(rows)]
     if flat:
         of = f"{len(flat):,} of {len(fixes):,} objects have"
@@ -212,6 +218,9 @@ class _Reader:
         if key is None:
             self.left_out["(rows without id)", "no id"].append(line)
             return
+        if _ROUNDED.fullmatch(key):
+            rule = f"is a number in scientific notation, {key!r:.40}, as spreadsheets round long ones: two ships have"
+            raise self._refusal("file", line, "id", f"{rule} one id; export the column as text")
         who = f"track {checked_key('file', f'line {line}', key)!r}"
         check_text(who, f"line {line}", "".join(row))
         when = _cell(row[self.at["time"]])

@@ -291,7 +291,9 @@ def _read_ogr(file: _File) -> Contents:
     from conflictdb.formats.ogr import read_objects
 
     most_mb = MAX_FILE_MB if file.max_file_mb is None else file.max_file_mb
-    return read_objects(file.path, most_mb, file.fastest_kn, file.layers, skip_invalid=file.skip_invalid)
+    return read_objects(
+        file.path, most_mb, file.fastest_kn, file.layers, stem=stem(file.path), skip_invalid=file.skip_invalid
+    )
 
 
 _JSON: Final = (".json", ".geojson", ".mfjson")

@@ -14,7 +14,7 @@ import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import dialects, file_objects, moving_features, names, plain_features, reference
-from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, unwatched
+from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, row_id, unwatched
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
@@ -118,9 +118,12 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
             raise InvalidInput("file", "features", "must be a list of features")
         refusals.raise_found()
         raise AssertionError
-    setting = file_objects.FileContext.of_settings(scene, stem, foreign, to_degrees, systems=systems)
+    setting = file_objects.FileContext.of_settings(
+        scene, stem, foreign, to_degrees, systems=systems, row_ids=stem if scene is None else ""
+    )
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
+    derived: list[str] = []
     for first in range(0, len(features), _AT_ONCE):
         some = features[first : first + _AT_ONCE]
         features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
@@ -129,14 +132,16 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
                 items[i] = plain
                 continue
             with of_objects:
-                items[i] = _object(i, feature, setting)
+                items[i] = _object(i, feature, setting, derived)
         phase("checking objects", first + len(some), len(features))
     _leave_unique(items, of_objects)
     areas, tracks = timed(list(items.values()), setting.scene, max_speed_kn, of_objects)
     if not skip_invalid:
         refusals.found += of_objects.found
     refusals.raise_found()
-    return Contents(scene, areas, tracks, left_out(source, of_objects))
+    contents = Contents(scene, areas, tracks, left_out(source, of_objects))
+    contents.derived = derived
+    return contents
 
 
 def _foreign(names_: Any) -> frozenset[str]:
@@ -187,7 +192,8 @@ def feature_of(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any, setting: file_objects.FileContext) -> Area | Track | TrackAtSpeed:
+def _object(i: int, feature: Any, setting: file_objects.FileContext, derived: list[str]) -> Area | Track | TrackAtSpeed:
+    """Return the object of a feature; an id that is derived from its number is added to `derived`."""
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
@@ -202,7 +208,10 @@ def _object(i: int, feature: Any, setting: file_objects.FileContext) -> Area | T
         key = properties.get(named)
         properties = {name: value for name, value in properties.items() if name != named}
     if key is None:
-        raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
+        if not setting.row_ids:
+            raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
+        key = row_id(setting.row_ids, i + 1)
+        derived.append(key)
     key = checked_key(who, "id", number_as_key(key))
     if not isinstance(properties, dict):
         raise InvalidInput(f"feature {key!r}", "properties", f"must be an object; got {properties!r:.60}")

@@ -174,7 +174,8 @@ def _stored_by_parts(
 ) -> Loaded:
     each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
     counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace, phase=phase)
-    return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
+    replaced = _replaced(source, counts, parts.derived if parts.settings is None else ())
+    return Loaded(settings.name, counts, tuple(parts.skipped), (*parts.remarks, *replaced))
 
 
 def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -192,7 +193,23 @@ def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, 
     except InvalidInput as refused:
         named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
         raise refused.at(next(named, plan.sources[0])) from refused.__cause__
-    return Loaded(plan.name, counts, tuple(plan.skipped), tuple(plan.remarks))
+    items: list[Area | Track] = [*plan.areas, *plan.tracks]
+    keys = [one.key for one in items] if plan.settings is None else []
+    replaced = _replaced(plan.sources[0], counts, [*plan.derived, *(key for key in keys if _is_number(key, len(keys)))])
+    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced))
+
+
+def _is_number(key: str, count: int) -> bool:
+    """Return whether an id is the number of a row of a file of so many objects."""
+    return key.isdecimal() and len(key) < 10 and int(key) <= count
+
+
+def _replaced(source: str, counts: store.LoadCounts, derived: Sequence[str]) -> Iterator[Remark]:
+    """Yield a remark if objects of the scene are replaced, and ids may belong to other objects in another file."""
+    if counts.updated and derived:
+        text = f"{counts.updated:,} objects replace those of the same id in the scene"
+        why = f"ids such as {derived[0]!r:.60} are names or numbers of rows, which another file may have too"
+        yield Remark(source, "file", f"{text}; {why}: --map id=COLUMN takes others, --scene another scene")
 
 
 def _centred(settings: Scene, parts: Parts) -> Scene:

@@ -146,12 +146,12 @@ def test_keys_of_kml_are_unique_names(tmp_path: Path) -> None:
     path = tmp_path / "plan.kml"
     ring = "<coordinates>9,57 9.4,57 9.4,57.4 9,57</coordinates>"
     polygon = f"<Polygon><outerBoundaryIs><LinearRing>{ring}</LinearRing></outerBoundaryIs></Polygon>"
-    names = ("<name>Pier</name>", "<name>Twin</name>", "<name>Twin</name>", "", "<name>4</name>")
+    names = ("<name>Pier</name>", "<name>Twin</name>", "<name>Twin</name>", "", "<name>plan.4</name>")
     marks = "".join(f"<Placemark>{name}{polygon}</Placemark>" for name in names)
     path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{marks}</Document></kml>')
     areas = formats.read(path).areas
-    assert [area.key for area in areas] == ["Pier", "2", "3", "4", "5"]
-    assert [area.name for area in areas] == ["Pier", "Twin", "Twin", None, "4"]
+    assert [area.key for area in areas] == ["Pier", "plan.2", "plan.3", "plan.4", "plan.5"]
+    assert [area.name for area in areas] == ["Pier", "Twin", "Twin", None, "plan.4"]
 
 
 def test_lines_without_times_name_columns_that_look_like_them(tmp_path: Path) -> None:
@@ -169,9 +169,9 @@ def test_other_reference_systems_are_transformed(tmp_path: Path) -> None:
 
 def test_features_without_id_are_numbered_and_layers_named(tmp_path: Path) -> None:
     path = write_layer(tmp_path / "areas.gpkg", [SQUARE, SQUARE])
-    assert [area.key for area in formats.read(path).areas] == ["1", "2"]
+    assert [area.key for area in formats.read(path).areas] == ["areas.1", "areas.2"]
     write_layer(path, [SQUARE], "second")
-    assert [area.key for area in formats.read(path).areas] == ["areas.1", "areas.2", "second.1"]
+    assert [area.key for area in formats.read(path).areas] == ["areas.1", "areas.2", "areas.second.1"]
 
 
 def test_numeric_ids_become_strings(tmp_path: Path) -> None:
@@ -188,10 +188,10 @@ FIRST = "feature 1 of layer 'areas'"
         (shapely.GeometryCollection([SQUARE]), {}, FIRST, "geometry", "got a GeometryCollection"),
         (None, {}, FIRST, "geometry", "there is none"),
         (shapely.Polygon(), {}, FIRST, "geometry", "there is none"),
-        (BOW, {}, "area '1'", "geometry", "valid"),
-        (SQUARE, {"start": ["2026-03-01T06:00:00"]}, "area '1'", "start", "offset"),
-        (SQUARE, {"floor_m": ["low"]}, "area '1'", "floor_m", "number"),
-        (SQUARE, {"name": [7]}, "area '1'", "name", "string"),
+        (BOW, {}, "area 'areas.1'", "geometry", "valid"),
+        (SQUARE, {"start": ["2026-03-01T06:00:00"]}, "area 'areas.1'", "start", "offset"),
+        (SQUARE, {"floor_m": ["low"]}, "area 'areas.1'", "floor_m", "number"),
+        (SQUARE, {"name": [7]}, "area 'areas.1'", "name", "string"),
     ],
 )
 def test_what_is_no_area_is_refused(
@@ -248,7 +248,7 @@ def test_a_track_may_have_heights_per_leg(tmp_path: Path) -> None:
 @pytest.mark.parametrize("shape", [LINE, shapely.MultiLineString([LINE])])
 def test_a_line_with_columns_of_times_is_a_track(tmp_path: Path, columns: dict[str, Any], shape: Any) -> None:
     (track,) = formats.read(write_layer(tmp_path / "a.gpkg", [shape], **columns, **HAVEN)).tracks
-    assert track.key == "1"
+    assert track.key == "a.1"
     assert track.times_us[0] == parse_instant(HOURS[0])
     assert track.properties == {}
 
@@ -272,14 +272,14 @@ def test_a_track_in_another_reference_system_is_transformed(tmp_path: Path) -> N
 def test_what_is_no_track_is_refused(tmp_path: Path, shape: Any, columns: Any, field: str, rule: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         formats.read(write_layer(tmp_path / "a.gpkg", [shape], **columns, **HAVEN))
-    assert (caught.value.key, caught.value.field) == ("track '1'", field)
+    assert (caught.value.key, caught.value.field) == ("track 'a.1'", field)
     assert rule in caught.value.rule
 
 
 def test_points_and_lines_among_areas_are_left_out_by_name(tmp_path: Path) -> None:
     path = write_layer(tmp_path / "a.gpkg", [SQUARE, shapely.Point(4, 57), LINE, *[shapely.Point(4, 57)] * 12])
     contents = formats.read(path)
-    assert [area.key for area in contents.areas] == ["1"]
+    assert [area.key for area in contents.areas] == ["a.1"]
     numbers = "2, 4, 5, 6, 7, 8, 9, 10, 11, 12, …"
     assert [str(one) for one in contents.skipped] == [
         f"{path}: left out layer 'a': 13 features are Points, no areas or tracks ({numbers})",
@@ -292,7 +292,7 @@ def test_layers_can_be_chosen(tmp_path: Path) -> None:
     path = write_layer(tmp_path / "a.gpkg", [SQUARE], "zones")
     write_layer(path, [BOW], "wrong")
     write_layer(path, [SQUARE], "more")
-    assert [area.key for area in formats.read(path, layers=["zones", "more"]).areas] == ["zones.1", "more.1"]
+    assert [area.key for area in formats.read(path, layers=["zones", "more"]).areas] == ["a.zones.1", "a.more.1"]
     with pytest.raises(InvalidInput, match=r"layer: there is no layer 'none'; the file has zones, wrong, more"):
         formats.read(path, layers=["zones", "none"])
     (tmp_path / "a.geojson").write_text('{"type": "FeatureCollection", "features": []}')
@@ -304,10 +304,10 @@ def test_the_rest_of_a_layer_is_read_on_request(tmp_path: Path) -> None:
     path = write_layer(tmp_path / "a.gpkg", [SQUARE, BOW], begin_time=["", HOURS[0]])
     with pytest.raises(InvalidInput) as caught:
         formats.read(path)
-    assert [(one.key, one.field) for one in caught.value] == [("area '2'", "begin_time")]
+    assert [(one.key, one.field) for one in caught.value] == [("area 'a.2'", "begin_time")]
     contents = formats.read(path, skip_invalid=True)
-    assert [area.key for area in contents.areas] == ["1"]
-    assert [one.key for one in contents.skipped if one.is_whole] == ["area '2'"]
+    assert [area.key for area in contents.areas] == ["a.1"]
+    assert [one.key for one in contents.skipped if one.is_whole] == ["area 'a.2'"]
 
 
 GPX = """<?xml version="1.0"?>
@@ -339,7 +339,7 @@ def test_gpx_tracks_are_read_as_positions(tmp_path: Path) -> None:
         ("layer 'waypoints'", "1 features are waypoints: no tracks", ()),
         ("layer 'routes'", "1 features are routes, which have no times: no tracks", ()),
         ("Boat.1", "no time", (3,)),
-        ("2", "a single fix: no movement to follow", (7,)),
+        ("a.2", "a single fix: no movement to follow", (7,)),
     ]
     assert [remark.text for remark in contents.remarks] == ["says nothing of sizes: all tracks are points"]
 

@@ -272,3 +272,28 @@ def test_members_of_scene_files_are_refused(tmp_path: Path, member: str) -> None
     rows = (f"id,time,lon,lat,{member}", *(f"a,2026-03-01T00:0{i}:00Z,4,57.{i},5" for i in (0, 1)))
     with pytest.raises(InvalidInput, match=f"column {member}: is read from scene files only"):
         read(tmp_path, *rows)
+
+
+def test_two_ships_of_one_identity_are_two_tracks(tmp_path: Path) -> None:
+    """Half of the fixes were left out as outliers: the ship that had fewer was missed."""
+    rows = [fix("a", minute, 4.0 + 0.001 * minute if minute % 2 else 14.0 + 0.001 * minute) for minute in range(12)]
+    contents = read(tmp_path, HEADER, *rows, fix("b", 0, 4.0), fix("b", 9, 4.0), max_speed_kn=50)
+    assert contents.skipped == []
+    assert {track.key: track.positions_deg[0, 0] for track in contents.tracks}.keys() == {"a", "a/2", "b"}
+    assert sorted(len(track.times_us) for track in contents.tracks) == [2, 6, 6]
+    remark = contents.remarks[0]
+    assert remark.text.startswith("1 more ships than ids: fixes of one id alternate between places")
+    assert remark.text.endswith("so there are two ships; the other is 'a/2'")
+
+
+def test_two_ships_that_report_at_the_same_times_are_two_tracks(tmp_path: Path) -> None:
+    rows = [fix("a", minute, lon + 0.001 * minute) for minute in range(6) for lon in (4.0, 14.0)]
+    contents = read(tmp_path, HEADER, *rows, fix("a/2", 0, 4.0), fix("a/2", 9, 4.0), max_speed_kn=50)
+    assert [(track.key, len(track.times_us)) for track in contents.tracks] == [("a", 6), ("a/3", 6), ("a/2", 2)]
+
+
+@pytest.mark.parametrize("key", ["2.19E+08", "2,19e+08", "219E6"])
+def test_an_identity_that_a_spreadsheet_rounded_is_refused(key: str, tmp_path: Path) -> None:
+    rows = [fix(f'"{key}"', minute, 4.0) for minute in range(2)]
+    with pytest.raises(InvalidInput, match=r"line 2, id: is a number in scientific notation.*two ships have one id"):
+        read(tmp_path, HEADER, *rows)

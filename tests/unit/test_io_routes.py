@@ -299,13 +299,13 @@ def gpx(*names: str, segments: int = 1, kind: str = "trk") -> str:
 @pytest.mark.parametrize(
     ("text", "keys"),
     [
-        (gpx("2", "A", "A"), ["1", "2", "3"]),
-        (gpx("A", segments=2) + gpx("A.1", "B"), ["A.1", "A.2", "2", "B"]),
+        (gpx("plan.2", "A", "A"), ["plan.1", "plan.2", "plan.3"]),
+        (gpx("A", segments=2) + gpx("A.1", "B"), ["A.1", "A.2", "plan.2", "B"]),
         (gpx("A", segments=1) + gpx("A.1", "9"), ["A", "A.1", "9"]),
-        (gpx("2.2", "") + gpx("", segments=2), ["2.2", "2", "3.1", "3.2"]),
-        (gpx("3.2", "") + gpx("", segments=2), ["1", "2", "3.1", "3.2"]),
-        (gpx("route 1", "A") + gpx("A", "B", kind="rte"), ["1", "A", "B", "route 1"]),
-        (gpx("A", "A", "route 1", kind="rte"), ["route 1", "route 2", "route 3"]),
+        (gpx("plan.2.2", "") + gpx("", segments=2), ["plan.2.2", "plan.2", "plan.3.1", "plan.3.2"]),
+        (gpx("plan.3.2", "") + gpx("", segments=2), ["plan.1", "plan.2", "plan.3.1", "plan.3.2"]),
+        (gpx("plan.route 1", "A") + gpx("A", "B", kind="rte"), ["plan.1", "A", "B", "plan.route 1"]),
+        (gpx("A", "A", "plan.route 1", kind="rte"), ["plan.route 1", "plan.route 2", "plan.route 3"]),
     ],
 )
 def test_ids_of_gpx_differ_from_names(text: str, keys: list[str], tmp_path: Path) -> None:
