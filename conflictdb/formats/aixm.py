@@ -246,7 +246,7 @@ def _span(who: str, slice_: Element) -> tuple[int | None, int | None]:
         text = None if position is None else position.text or None
         if text is None and (position is None or position.get("indeterminatePosition") is None):
             raise InvalidInput(who, f"validTime, {name}", "must be a time, or indeterminate")
-        ends.append(time_of(who, f"validTime, {name}", text))
+        ends.append(time_of(who, f"validTime, {name}", text, is_end=name == "endPosition"))
     return ends[0], ends[1]
 
 

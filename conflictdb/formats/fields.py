@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import FileRefusals
-from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.instants import parse_end, parse_instant
 from conflictdb.formats.json_text import check_storable, check_text
 
 # Limit of an index entry of the database, with a margin.
@@ -71,10 +71,13 @@ class Fields:
         return None
 
     def instant(self, name: str) -> int | None:
-        """Return an ISO 8601 instant in microseconds since 1970; None if it is absent or invalid."""
+        """Return an ISO 8601 instant in microseconds since 1970; None if it is absent or invalid.
+
+        A date without a time as an `end` contains its day.
+        """
         value = self.get(name)
         with self.refusals:
-            return None if value is None else instant(self.who, name, value)
+            return None if value is None else instant(self.who, name, value, is_end=name == "end")
         return None
 
     def rest(self) -> dict[str, Any]:
@@ -123,12 +126,12 @@ def finite(who: str, where: str, value: Any) -> float:
     return number
 
 
-def instant(who: str, where: str, value: Any) -> int:
-    """Return an ISO 8601 instant in microseconds since 1970."""
+def instant(who: str, where: str, value: Any, *, is_end: bool = False) -> int:
+    """Return an ISO 8601 instant in microseconds since 1970; a date without a time as an end contains its day."""
     if not isinstance(value, str):
         raise InvalidInput(who, where, f"must be a date and time as a string; got {value!r:.60}")
     try:
-        return parse_instant(value)
+        return parse_end(value) if is_end else parse_instant(value)
     except ValueError as error:
         raise InvalidInput(who, where, str(error)) from None
 

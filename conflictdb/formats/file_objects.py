@@ -253,7 +253,10 @@ def _spans(who: str, value: Any) -> list[list[Any]]:
     if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
         raise InvalidInput(who, "spans", f"must be a list of pairs [start, end]; got {value!r:.60}")
     return [
-        [None if at is None else certain(instant(who, f"spans[{i}][{side}]", at)) for side, at in enumerate(pair)]
+        [
+            None if at is None else certain(instant(who, f"spans[{i}][{side}]", at, is_end=side == 1))
+            for side, at in enumerate(pair)
+        ]
         for i, pair in enumerate(value)
     ]
 

@@ -4,6 +4,7 @@ Geodesics are followed within half a metre. Arcs that bulge outward are containe
 radius by at most a thousandth; arcs that bulge inward are replaced by chords, which lie outside the area.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -22,8 +23,12 @@ from conflictdb.model.plans import METRES_PER_NMI, EarthModel
 
 Floats = NDArray[np.float64]
 
-_LATITUDE_FIRST: Final = ("EPSG:4326", "EPSG::4326", "EPSG:4979", "EPSG::4979", "epsg.xml#4326")
-_LONGITUDE_FIRST: Final = ("CRS84", "CRS:84")
+# As EPSG:4326, urn:ogc:def:crs:EPSG::4326, http://www.opengis.net/def/crs/EPSG/0/4326, and of older files.
+_LATITUDE_FIRST: Final = re.compile(
+    r"(?:.*[:/])?EPSG[:/](?:[\d.]*[:/])?(?:4326|4979)|.*epsg\.xml#4326", re.IGNORECASE | re.ASCII
+)
+_LONGITUDE_FIRST: Final = re.compile(r"(?:.*[:/])?CRS:?84h?", re.IGNORECASE)
+_LONGEST_SYSTEM: Final = 200
 _METRES: Final = {"m": 1.0, "km": 1000.0, "nm": METRES_PER_NMI, "[nmi_i]": METRES_PER_NMI, "ft": 0.3048, "mi": 1609.344}
 _LINES: Final = ("LineStringSegment", "LineString", "LinearRing")
 _GEODESICS: Final = ("GeodesicString", "Geodesic")
@@ -126,9 +131,9 @@ class Geometries:
         name = element.get("srsName")
         if name is None:
             return inherited
-        if name.endswith(_LATITUDE_FIRST):
+        if len(name) <= _LONGEST_SYSTEM and _LATITUDE_FIRST.fullmatch(name):
             return True
-        if name.endswith(_LONGITUDE_FIRST):
+        if len(name) <= _LONGEST_SYSTEM and _LONGITUDE_FIRST.fullmatch(name):
             return False
         raise self.refusal(element, f"has the reference system {name:.60}; read are EPSG:4326 and CRS84")
 

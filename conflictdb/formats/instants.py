@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,14 @@ from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 # Digits after the sixth: datetime would truncate them, here they are rounded.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
+
+# The end of a day, which is the next midnight.
+_MIDNIGHT: Final = re.compile(
+    r"(\d{4}-?\d\d-?\d\d[T ])24(:?00(?::?00(?:[.,]0+)?)?)?(?=Z|[+-]\d|$)", re.ASCII | re.IGNORECASE
+)
+# A date without a time.
+_DATE: Final = re.compile(r"\d{4}-?\d\d-?\d\d", re.ASCII)
+_DAY: Final = timedelta(days=1)
 
 # The places of digits and separators in 2026-03-01T06:00:00Z, and in 2026-03-01T06:00:00.000000Z.
 _PLAIN: Final = ("0000-00-00T00:00:00Z", "0000-00-00T00:00:00.000000Z")
@@ -33,18 +41,30 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
     if finer:
         carry = int(finer[2][0] >= "5")
         text = text[: finer.end(1)] + text[finer.end(2) :]
+    given, later = text, timedelta(0)
+    if (midnight := _MIDNIGHT.match(text)) is not None:
+        text, later = f"{midnight[1]}00{midnight[2] or ''}{text[midnight.end() :]}", _DAY
     try:
-        moment = datetime.fromisoformat(text.upper())
+        moment = datetime.fromisoformat(text.upper()) + later
     except ValueError:
         raise ValueError(
-            f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {text[:_LONGEST]!r}"
+            f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {given[:_LONGEST]!r}"
         ) from None
+    except OverflowError:
+        raise ValueError(f"must lie in the years 1 to 9999; got {given[:_LONGEST]!r}") from None
     if moment.tzinfo is None:
         local = with_offset(moment)
         if local is None and not naive_is_utc:
-            raise ValueError(f"{OFFSET_RULE}; got {text[:_LONGEST]!r}")
+            raise ValueError(f"{OFFSET_RULE}; got {given[:_LONGEST]!r}")
         moment = local or moment.replace(tzinfo=UTC)
     return (moment - EPOCH) // MICROSECOND + carry
+
+
+def parse_end(text: str, *, naive_is_utc: bool = False) -> int:
+    """Return an end of a span as `parse_instant`; a date without a time is the whole day, which ends at midnight."""
+    if _DATE.fullmatch(text):
+        text += "T24:00" if "-" in text else "T2400"
+    return parse_instant(text, naive_is_utc=naive_is_utc)
 
 
 def parse_plain(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

@@ -76,6 +76,7 @@ _LEADS_ON: Final = re.compile(r"[\s,;]*(?:-|TO\b|THEN\b)[\s,;]*(?!BACK|START|ORI
 _CURVED: Final = re.compile(r"\b(ARC|CLOCKWISE|ANTICLOCKWISE|BORDER|BOUNDARY|COAST|ALONG|FOLLOWING|SECTOR|BTN|EXC)\b")
 _HEIGHT: Final = re.compile(r"FL\s?(\d{1,3})|(\d{1,5})\s?(FT|M)\s*(AMSL|MSL|AGL|ASFC|SFC|GND)?")
 _UNITS_M: Final = {"NM": METRES_PER_NMI, "KM": 1000.0, "M": 1.0}
+_MINUTE_US: Final = 60_000_000
 _WHOLE_FIR: Final = 999
 _LONGEST_NAME: Final = 80
 
@@ -195,7 +196,9 @@ def _time(who: str, item: str, text: str) -> int | None:
     given = _TIME.match(text)
     if given is not None:
         try:
-            return (datetime.strptime(given[1], "%y%m%d%H%M").replace(tzinfo=UTC) - EPOCH) // MICROSECOND
+            at_us = (datetime.strptime(given[1], "%y%m%d%H%M").replace(tzinfo=UTC) - EPOCH) // MICROSECOND
+            # As in item D, 2359 ends a day.
+            return at_us + (_MINUTE_US if item == "C" and given[1].endswith("2359") else 0)
         except ValueError:
             pass
     rule = "must be ten digits, year to minute" + (", or PERM" if item == "C" else "")

@@ -200,4 +200,4 @@ def _time(who: str, field: str, value: Any) -> int | None:
         return None
     if not isinstance(value, dict) or value.get("format") != "RFC3339":
         raise InvalidInput(who, field, f"must be an object of value and format, RFC3339; got {value!r:.60}")
-    return instant(who, f"{field}.value", value.get("value"))
+    return instant(who, f"{field}.value", value.get("value"), is_end=field == "time_end")

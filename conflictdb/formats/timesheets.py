@@ -1,5 +1,6 @@
 """Convert timesheets of AIXM 5.1 to schedules as scene files write them."""
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -11,6 +12,7 @@ from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 _DAYS: Final = ("MON", "TUE", "WED", "THU", "FRI", "SAT", "SUN")
 _EVENTS: Final = {"SR": "sunrise", "SS": "sunset"}
+_UNITS_S: Final = {"HR": 3600, "MIN": 60, "SEC": 1}
 _ZONE: Final = re.compile(r"UTC(?:([+-])(\d{1,2}))?")
 _CLOCK: Final = re.compile(r"([01]\d|2[0-4]):([0-5]\d)")
 _DATE: Final = re.compile(r"([0-3]\d)-([01]\d)")
@@ -70,11 +72,18 @@ def _moment(who: str, where: str, sheet: Element, side: str) -> str:
     """Return a time of day, of a clock or of the sun."""
     clock, event = sheet.value(f"{side}Time"), sheet.value(f"{side}Event")
     if event is not None:
-        later = sheet.value(f"{side}TimeRelativeEvent") or "0"
-        if event not in _EVENTS or clock is not None or not re.fullmatch(r"-?\d{1,3}(\.0*)?", later):
+        relative = sheet.child(f"{side}TimeRelativeEvent")
+        later = (None if relative is None else relative.text) or "0"
+        if event not in _EVENTS or clock is not None or not re.fullmatch(r"[+-]?\d{1,5}(\.\d{0,6})?", later):
             raise InvalidInput(who, where, f"has the {side}Event {event:.40}, which is not understood as it is given")
-        minutes = int(float(later))
-        return _EVENTS[event] + (f"{minutes:+d}min" if minutes else "")
+        unit = (None if relative is None else relative.get("uom")) or "MIN"
+        if unit not in _UNITS_S:
+            rule = f"has a {side}TimeRelativeEvent of the unit {unit:.40}; understood are {', '.join(_UNITS_S)}"
+            raise InvalidInput(who, where, rule)
+        # On whole minutes, outward.
+        minutes = float(later) * _UNITS_S[unit] / 60.0
+        whole = math.floor(minutes) if side == "start" else math.ceil(minutes)
+        return _EVENTS[event] + (f"{whole:+d}min" if whole else "")
     if clock is None or not _CLOCK.fullmatch(clock) or clock > "24:00":
         raise InvalidInput(who, where, f"needs a {side}Time such as 08:00; got {clock!r:.40}")
     return clock

@@ -258,7 +258,9 @@ def _actives(who: str, field: str, zone: Mapping[str, Any]) -> list[Active]:
         if one.get("permanent") not in [None, "YES", "NO"]:
             raise InvalidInput(who, f"{field}[{i}].permanent", f"must be YES or NO; got {one['permanent']!r:.40}")
         start, end = (
-            None if one.get(name) is None else instant(who, f"{field}[{i}].{name}", one[name])
+            None
+            if one.get(name) is None
+            else instant(who, f"{field}[{i}].{name}", one[name], is_end=name == "endDateTime")
             for name in ("startDateTime", "endDateTime")
         )
         if one.get("permanent") == "YES" and (start is not None or end is not None):

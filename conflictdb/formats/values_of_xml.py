@@ -5,7 +5,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.fields import finite
-from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.instants import parse_end, parse_instant
 
 _DURATION: Final = re.compile(
     r"P(?:(?P<days>\d+)D)?(?:T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:\.\d+)?)S)?)?"
@@ -23,12 +23,15 @@ def number_of(who: str, field: str, text: str | None) -> float:
         raise InvalidInput(who, field, f"must be a number; got {text!r:.40}") from None
 
 
-def time_of(who: str, field: str, text: str | None) -> int | None:
-    """Return a time in microseconds since 1970, None for no text; raises InvalidInput."""
+def time_of(who: str, field: str, text: str | None, *, is_end: bool = False) -> int | None:
+    """Return a time in microseconds since 1970, None for no text; raises InvalidInput.
+
+    is_end : a date without a time contains its day
+    """
     if text is None:
         return None
     try:
-        return parse_instant(text)
+        return parse_end(text) if is_end else parse_instant(text)
     except ValueError as error:
         raise InvalidInput(who, field, str(error)) from None
 

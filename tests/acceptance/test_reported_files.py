@@ -1,7 +1,7 @@
 """Files as people have them, after reports to other programs: right values, or a sentence that names the way out.
 
 `reports/cases.json` lists them. A case is right if one of its `accept` fits: the conflicts (`only`: and no others),
-their number, periods that begin at some instants, or words of a refusal (`rc`) or a remark, apart from names of files.
+their number, periods at some instants, or words of a refusal (`rc`) or a remark, apart from names of files.
 """
 
 import json
@@ -28,9 +28,9 @@ def is_right(accept: dict[str, Any], found: list[dict[str, Any]], last: Outcome,
         return False
     if "count" in accept:
         return len(found) == accept["count"]
-    begins = {us(start) for one in found for start, _ in one["periods"] if start}
     if "period_at" in accept:
-        return all(any(abs(us(at) - begin) < 1.0 for begin in begins) for at in accept["period_at"])
+        spans = [(us(start), us(end)) for one in found for start, end in one["periods"]]
+        return all(any(start <= us(at) <= end for start, end in spans) for at in accept["period_at"])
     rows = {frozenset((one["a_key"], one["b_key"])): one["periods"] for one in found}
     wanted = {frozenset((one["a"], one["b"])): one for one in accept["conflicts"]}
     if accept.get("only") and rows.keys() != wanted.keys():
@@ -51,7 +51,7 @@ def test_a_reported_file_is_right_or_says_why_not(
     steps = case.get("steps") or [["detect", *case["files"], *case["options"]]]
     said = ""
     for step in steps:
-        words = [REPORTS / word if word in case["files"] else word for word in step]
+        words = [REPORTS / word if (REPORTS / word).exists() else word for word in step]
         last = run(*words, "--scene", "S")
         said += last.out + last.err
     found = run("conflicts", "--scene", "S", "--format", "json")

@@ -561,3 +561,48 @@ def test_schedules_of_airspaces_and_notam_are_kept(tmp_path: Path) -> None:
     assert area.schedule["notam"] == "MON-FRI 0600-1800"
     with pytest.raises(InvalidInput, match=r"A1485/26.*schedule"):
         contents(tmp_path, notam().replace("E) GUN", "D) SOMETIMES\nE) GUN"), "a.txt")
+
+
+@pytest.mark.parametrize(
+    ("unit", "start", "end"),
+    [("HR", 60, 90), ("MIN", 1, 2), ("SEC", 0, 1), ("", 1, 2), ("DAY", None, None), ("hr", None, None)],
+)
+def test_a_relative_event_has_its_unit(unit: str, start: int | None, end: int, tmp_path: Path) -> None:
+    """Hours were read as minutes. Seconds are rounded outward to whole minutes."""
+    uom = f' uom="{unit}"' if unit else ""
+    sheet = (
+        "<aixm:timeReference>UTC</aixm:timeReference><aixm:day>ANY</aixm:day><aixm:startEvent>SR</aixm:startEvent>"
+        f"<aixm:startTimeRelativeEvent{uom}>1</aixm:startTimeRelativeEvent><aixm:endEvent>SS</aixm:endEvent>"
+        f"<aixm:endTimeRelativeEvent{uom}>1.5</aixm:endTimeRelativeEvent>"
+    )
+    text = aixm(("BASELINE", volume() + activation("ACTIVE", sheet)))
+    if start is None:
+        with pytest.raises(InvalidInput, match=f"of the unit {unit}; understood are HR, MIN, SEC"):
+            one(tmp_path, text, hints=AT_ALL_HEIGHTS)
+        return
+    rule = one(tmp_path, text, hints=AT_ALL_HEIGHTS).schedule
+    begins = f"sunrise+{start}min" if start else "sunrise"
+    assert rule["periods"] == [[begins, f"sunset+{end}min"]]
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        "http://www.opengis.net/def/crs/EPSG/0/4326",
+        "https://www.opengis.net/def/crs/EPSG/9.9.1/4326",
+        "urn:x-ogc:def:crs:EPSG:6.9:4326",
+        "EPSG:4326",
+        "http://www.opengis.net/def/crs/OGC/1.3/CRS84",
+        "urn:ogc:def:crs:OGC:1.3:CRS84",
+    ],
+)
+def test_systems_are_read_in_each_of_their_forms(system: str, tmp_path: Path) -> None:
+    ring = SQUARE if "CRS84" not in system else "4 57 5 57 5 58 4 58 4 57"
+    text = aixm(("BASELINE", volume(surface(lines(ring), system=f'srsName="{system}"'))))
+    assert one(tmp_path, text, hints=AT_ALL_HEIGHTS).footprint.bounds == pytest.approx((4, 57, 5, 58), abs=0.02)
+
+
+def test_an_end_of_a_day_is_the_next_midnight(tmp_path: Path) -> None:
+    """2359 in item C, and a date without a time as the end of a valid time."""
+    assert minutes(one(tmp_path, notam(c="2603312359"), "a.txt").end_us) == np.datetime64("2026-04-01T00:00")
+    assert minutes(one(tmp_path, notam(c="2603312358"), "a.txt").end_us) == np.datetime64("2026-03-31T23:58")

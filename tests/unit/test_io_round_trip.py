@@ -1,6 +1,8 @@
 """An export reads back as exactly the same objects; reading keeps the meaning of the file."""
 
 import gzip
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from scene_strategies import INSTANT, assert_same, scenes
 
 from conflictdb import formats
 from conflictdb.earth import geodesy
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import format_instant, parse_instant
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import METRES_PER_NMI, Area, EarthModel, Scene, Track
@@ -106,3 +109,42 @@ def test_compressed_and_marked_files_read_like_plain_ones(tmp_path: Path) -> Non
     text = '\ufeff{"type": "FeatureCollection", "scene": {}, "features": []}'
     (tmp_path / "plan.geojson.gz").write_bytes(gzip.compress(text.encode()))
     assert formats.read(tmp_path / "plan.geojson.gz").scene == Scene("plan")
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("2026-06-01T24:00:00Z", "2026-06-02T00:00:00Z"),
+        ("2026-12-31 24:00+01:00", "2027-01-01T00:00:00+01:00"),
+        ("20260601T240000Z", "2026-06-02T00:00:00Z"),
+        ("2026-06-01T24:00:00.000Z", "2026-06-02T00:00:00Z"),
+        ("2026-06-01T24Z", "2026-06-02T00:00:00Z"),
+    ],
+)
+def test_the_end_of_a_day_is_the_next_midnight(text: str, same: str) -> None:
+    assert parse_instant(text) == parse_instant(same)
+
+
+@pytest.mark.parametrize(
+    "text", ["2026-06-01T24:00:01Z", "2026-06-01T24:30Z", "2026-06-01T25:00Z", "9999-12-31T24:00Z"]
+)
+def test_other_times_of_hour_24_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"got {text!r}")):
+        parse_instant(text)
+
+
+def test_a_date_as_an_end_contains_its_day(tmp_path: Path) -> None:
+    """It was read as its first instant: the last day was missing."""
+    zone = formats.FileHints(time_zone="Europe/Oslo")
+    path = tmp_path / "a.geojson"
+    for members in ({"start": "2026-06-01", "end": "20260630"}, {"spans": [["2026-06-01", "2026-06-30"]]}):
+        feature = {"type": "Feature", "id": "A", "geometry": SQUARE, "properties": members}
+        path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+        (area,) = formats.read(path, hints=zone).areas
+        assert format_instant(area.start_us or 0) == "2026-05-31T22:00:00Z"
+        assert format_instant(area.end_us or 0) == "2026-06-30T22:00:00Z"
+        with pytest.raises(InvalidInput, match="needs an offset"):
+            formats.read(path)
+
+
+SQUARE = {"type": "Polygon", "coordinates": [[[4, 57], [5, 57], [5, 58], [4, 58], [4, 57]]]}

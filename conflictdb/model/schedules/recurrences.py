@@ -1,7 +1,7 @@
 """Schedules in the notation of calendars: DTSTART, RRULE, RDATE and EXDATE of RFC 5545."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from itertools import islice
@@ -88,7 +88,7 @@ class Recurrence:
                 seen.add(at)
                 yield at, local
         for rule, until in self.rules:
-            for local in _found(rule, self.start, first, last):
+            for local in _found(rule, self.start, self.zone, first, last):
                 at = _utc(local, self.zone)
                 if until is not None and at > until:
                     break
@@ -105,8 +105,16 @@ def _utc(local: datetime, zone: tzinfo) -> datetime:
     return local.replace(tzinfo=zone).astimezone(UTC)
 
 
-def _found(rule: rrule.rrule, start: datetime, first: datetime, last: datetime) -> Iterator[datetime]:
-    """Yield the times of a rule in [first, last], without the library's search of all hours up to the year 9999."""
+def _exists(local: datetime, zone: tzinfo) -> bool:
+    """Return whether clocks show a local time."""
+    return _utc(local, zone).astimezone(zone).replace(tzinfo=None) == local
+
+
+def _found(rule: rrule.rrule, start: datetime, zone: tzinfo, first: datetime, last: datetime) -> Iterator[datetime]:
+    """Yield the times of a rule in [first, last], without the library's search of all hours up to the year 9999.
+
+    RFC 5545, 3.3.10: a local time that does not exist is ignored, and does not count.
+    """
     begin = start
     if (step := _STEPS.get(rule._freq)) and rule._count is None and first > start:
         # The rule repeats itself: begin just before the request.
@@ -115,10 +123,25 @@ def _found(rule: rrule.rrule, start: datetime, first: datetime, last: datetime) 
         return
     # Calendars repeat every 400 years: the rule is the same late in the library's time.
     later = max((_LAST_YEAR - last.year) // 400, 0) * _YEARS_400
-    for local in rule.replace(dtstart=begin + later).xafter(first + later, inc=True):
-        if local > last + later:
+    every: Iterator[datetime]
+    if rule._count is not None:
+        every = islice(_existing(rule.replace(dtstart=begin + later, count=None), start, zone, later), rule._count)
+    else:
+        shifted = rule.replace(dtstart=begin + later).xafter(first + later, inc=True)
+        every = _existing(shifted, start, zone, later)
+    for local in every:
+        if local > last:
             return
-        yield local - later
+        if local >= first:
+            yield local
+
+
+def _existing(every: Iterable[datetime], start: datetime, zone: tzinfo, later: timedelta) -> Iterator[datetime]:
+    """Yield the local times that exist of a rule that was moved to a later time; its start does by definition."""
+    for one in every:
+        local = one - later
+        if local == start or _exists(local, zone):
+            yield local
 
 
 def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule:

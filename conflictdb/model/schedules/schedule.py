@@ -146,21 +146,26 @@ class _Sun:
         is_sun = period.start.event is not None and period.end.event is not None
         if period.days is None and (_ends_before(period) if is_sun else end_s <= start_s):
             end_s, _, latest_s = self._moment(period.end, nth, 1)
-        if is_sun and latest_s - earliest_s < _LEAST_SUN_S:
-            return None
-        first, last = int(earliest_s // _MINUTE_S), int(-(-latest_s // _MINUTE_S))
+        if is_sun:
+            # A day or night that does not happen at a place begins and ends there with the same noon or midnight.
+            lasts_s = latest_s - period.end.offset_s - earliest_s + period.start.offset_s
+            happens = (lasts_s >= _LEAST_SUN_S) & (latest_s - earliest_s >= _LEAST_SUN_S)
+            if not happens.any():
+                return None
+            earliest_s, latest_s = earliest_s[happens], latest_s[happens]
+        first, last = int(earliest_s.min() // _MINUTE_S), int(-(-latest_s.max() // _MINUTE_S))
         return first * _MINUTE_S * _SECOND_US, last * _MINUTE_S * _SECOND_US
 
-    def _moment(self, moment: Moment, nth: int, later: int) -> tuple[float, float, float]:
-        """Return a time of the day, its earliest and its latest, Unix seconds."""
+    def _moment(self, moment: Moment, nth: int, later: int) -> tuple[float, Floats, Floats]:
+        """Return a time of the day, and its earliest and its latest at each place (p,), Unix seconds."""
         if moment.event is None:
             day = self.on[nth] + later * _DAY
             earliest, latest = (_instant_s(self.zone, day, moment.offset_s, is_end) for is_end in (False, True))
-            return earliest, earliest, latest
+            return earliest, np.full(len(self.places), earliest, float), np.full(len(self.places), latest, float)
         if (moment.event, later) not in self.known:
             self.known[moment.event, later] = self._times(moment.event, later)
-        at_s, earliest_s, latest_s = (float(times[nth]) + moment.offset_s for times in self.known[moment.event, later])
-        return at_s, earliest_s, latest_s
+        at_s, earliest_s, latest_s = (times[nth] + moment.offset_s for times in self.known[moment.event, later])
+        return float(at_s), earliest_s, latest_s
 
     def _times(self, event: str, later: int) -> tuple[Floats, Floats, Floats]:
         # The solar day of a date is the one with its noon on that date, by the mean sun at the first place.
@@ -174,7 +179,7 @@ class _Sun:
         # The sun is up for longer, or for shorter, if it is taken to be higher or lower.
         both = [sun_times(event, noon_s, self.places, sign * MARGIN_DEG) for sign in (-1.0, 1.0)]
         earlier, longer = (both[1], both[0]) if side < 0.0 else (both[0], both[1])
-        return nominal, earlier.min(axis=1), longer.max(axis=1)
+        return nominal, earlier, longer
 
 
 def _ends_before(period: Period) -> bool:
