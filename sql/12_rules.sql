@@ -92,58 +92,57 @@ $$;
 COMMENT ON FUNCTION _schedules_within_s(bigint) IS
 'How long before and after its voyages a detection of a scene needs schedules, seconds.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._type_of(
-    p_kind smallint, p_class bigint, p_classes bigint[]
-) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._side_name(p_side text) RETURNS text
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT p_kind || ':' || CASE WHEN p_class = ANY (p_classes) THEN p_class ELSE 0 END;
+    SELECT CASE WHEN p_side IS NULL THEN '' WHEN p_side = 'area' THEN 'k0' WHEN p_side = 'track' THEN 'k1'
+                ELSE _word_number(p_side)::text END;
 END;
-COMMENT ON FUNCTION _type_of(smallint, bigint, bigint[]) IS
-'Type of an object for separation rules: its kind, and the number of its class if rules name that. Inlined.';
+COMMENT ON FUNCTION _side_name(text) IS
+'A side of a rule in _rule_names: k and the number of a kind, the number of a class, nothing for any.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._allowed_types(
-    p_scene_id bigint, OUT classes bigint[], OUT pairs text[]
-)
+CREATE OR REPLACE FUNCTION conflictdb_internal._rule_names(p_scene_id bigint) RETURNS jsonb
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET jit = off AS $$
-DECLARE
-    v_words text[];
 BEGIN
-    IF NOT EXISTS (SELECT FROM rule r WHERE r.scene_id = p_scene_id AND r.allowed) THEN
-        RETURN;
-    END IF;
-    SELECT array_agg(DISTINCT w.side), array_agg(DISTINCT _word_number(w.side)) INTO v_words, classes
-        FROM rule r CROSS JOIN LATERAL (VALUES (r.a_class), (r.b_class)) w (side)
-        WHERE r.scene_id = p_scene_id AND _side_rank(w.side) = 3;
-    SELECT array_agg(DISTINCT p.pair) INTO pairs
-        FROM (SELECT k.kind::smallint, c.class FROM generate_series(0, 1) k (kind)
-              CROSS JOIN (SELECT unnest(v_words) UNION ALL SELECT NULL) c (class)) a
-        CROSS JOIN (SELECT k.kind::smallint, c.class FROM generate_series(0, 1) k (kind)
-                    CROSS JOIN (SELECT unnest(v_words) UNION ALL SELECT NULL) c (class)) b
-        CROSS JOIN LATERAL (SELECT _type_of(a.kind, _word_number(a.class), classes) || '/'
-                                   || _type_of(b.kind, _word_number(b.class), classes) AS pair) p
-        -- Only what an allowed rule names can be allowed.
-        WHERE EXISTS (SELECT FROM rule r WHERE r.scene_id = p_scene_id AND r.allowed
-                      AND (_side_fits(r.a_class, a.kind, a.class) AND _side_fits(r.b_class, b.kind, b.class)
-                           OR _side_fits(r.a_class, b.kind, b.class) AND _side_fits(r.b_class, a.kind, a.class)))
-          AND (_rule_between(p_scene_id, a.kind, a.class, b.kind, b.class)).allowed;
+    RETURN (SELECT coalesce(jsonb_object_agg(n.pair, n.allowed), '{}')
+            FROM (SELECT o.pair, bool_and(r.allowed) AS allowed
+                  FROM rule r CROSS JOIN LATERAL (SELECT _side_name(r.a_class) AS a, _side_name(r.b_class) AS b) n
+                  CROSS JOIN LATERAL (VALUES (n.a || '/' || n.b), (n.b || '/' || n.a)) o (pair)
+                  WHERE r.scene_id = p_scene_id GROUP BY o.pair) n);
 END
 $$;
-COMMENT ON FUNCTION _allowed_types(bigint) IS
-'Pairs of types (_type_of) of a scene that rules allow, and the numbers of all classes that rules name; nulls if none.';
+COMMENT ON FUNCTION _rule_names(bigint) IS
+'Whether each rule of a scene allows its pairs, by its sides in both orders: names of both (_side_name) with a slash.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._allowed_types(p_scene_id bigint) RETURNS jsonb
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN CASE WHEN EXISTS (SELECT FROM rule r WHERE r.scene_id = p_scene_id AND r.allowed)
+                THEN _rule_names(p_scene_id) END;
+END
+$$;
+COMMENT ON FUNCTION _allowed_types(bigint) IS '_rule_names of a scene for _are_compared; null if no rule allows any pair.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._are_compared(
     p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint,
-    p_classes bigint[], p_allowed text[]
+    p_rules jsonb
 ) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
+    -- The most specific rule applies; of two that are as specific, one that does not allow (_rule_between).
     SELECT (p_a_owner <> p_b_owner OR p_a_owner = 0)
-           AND (p_allowed IS NULL
-                OR _type_of(p_a_kind, p_a_class, p_classes) || '/' || _type_of(p_b_kind, p_b_class, p_classes)
-                   <> ALL (p_allowed));
+           AND (p_rules IS NULL OR NOT coalesce(
+                   CASE WHEN p_a_class <> 0 AND p_b_class <> 0
+                        THEN (p_rules -> (p_a_class || '/' || p_b_class))::boolean END,
+                   least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/k' || p_b_kind))::boolean END,
+                         CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/k' || p_a_kind))::boolean END),
+                   least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/'))::boolean END,
+                         CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/'))::boolean END),
+                   (p_rules -> ('k' || p_a_kind || '/k' || p_b_kind))::boolean,
+                   least((p_rules -> ('k' || p_a_kind || '/'))::boolean, (p_rules -> ('k' || p_b_kind || '/'))::boolean),
+                   false));
 END;
-COMMENT ON FUNCTION _are_compared(smallint, bigint, bigint, smallint, bigint, bigint, bigint[], text[]) IS
+COMMENT ON FUNCTION _are_compared(smallint, bigint, bigint, smallint, bigint, bigint, jsonb) IS
 'Whether two objects, by the numbers of their classes and owners (0: none), are compared: not those of one owner, nor '
 'those that rules allow (_allowed_types). Inlined into queries.';
 

@@ -46,7 +46,7 @@ DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
     v_within_s double precision := _longest_time_s(p_scene_id);
-    v_allowed record := _allowed_types(p_scene_id);
+    v_allowed jsonb := _allowed_types(p_scene_id);
 BEGIN
     -- Each pair once, in storage order, so that neighbours are close together. Parallel if the server has workers.
     -- "+ 0" prevents use of scene_id in the index.
@@ -60,7 +60,7 @@ BEGIN
               AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
               AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                                b.owner_number, v_allowed.classes, v_allowed.pairs)
+                                b.owner_number, v_allowed)
               AND (a.turn = 0 OR b.turn = 0);
     ELSE
         -- OFFSET 0 hides that the scene is constant; otherwise it could become the only index condition.
@@ -72,7 +72,7 @@ BEGIN
             WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
               AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                                b.owner_number, v_allowed.classes, v_allowed.pairs)
+                                b.owner_number, v_allowed)
               AND (a.turn = 0 OR b.turn = 0);
     END IF;
 END
@@ -109,7 +109,7 @@ SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SE
 SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_within_s double precision := _longest_time_s(p_scene_id);
-    v_allowed record := _allowed_types(p_scene_id);
+    v_allowed jsonb := _allowed_types(p_scene_id);
     v_layers bigint[] := _layers(p_scene_id);
     v_hidden bigint[] := _hidden_numbers(p_scene_id);
 BEGIN
@@ -130,7 +130,7 @@ BEGIN
           AND (a.turn = 0 OR b.turn = 0)
           AND (b.scene_id = a.scene_id OR _object_number(b.object_kind, b.object_id) <> ALL (v_hidden))
           AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                            b.owner_number, v_allowed.classes, v_allowed.pairs)
+                            b.owner_number, v_allowed)
           -- Marks of rules concern the pairs with some classes only.
           AND (d.with IS NULL OR _is_with(b.object_kind, b.class_number, d.with)
                OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered

@@ -157,7 +157,7 @@ DECLARE
     v_began timestamptz;
     v_stage2_us bigint := 0;
     v_within_s double precision := _longest_time_s(p_scene_id);
-    v_allowed record := _allowed_types(p_scene_id);
+    v_allowed jsonb := _allowed_types(p_scene_id);
     v_layers bigint[] := _layers(p_scene_id);
     v_hidden bigint[] := _hidden_numbers(p_scene_id);
 BEGIN
@@ -203,8 +203,7 @@ BEGIN
                                     AND (p.scene_id = a.scene_id
                                          OR _object_number(p.object_kind, p.object_id) <> ALL (v_hidden))
                                     AND _are_compared(a.object_kind, a.class_number, a.owner_number, p.object_kind,
-                                                      p.class_number, p.owner_number, v_allowed.classes,
-                                                      v_allowed.pairs) OFFSET 0) b
+                                                      p.class_number, p.owner_number, v_allowed) OFFSET 0) b
               -- A pair of two changed objects is found from both sides; keep it once.
               WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
                  OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)

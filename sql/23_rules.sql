@@ -42,38 +42,60 @@ END
 $$;
 COMMENT ON FUNCTION _rule_before() IS 'Trigger: checks a separation rule (ZC019).';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._sides(
+    p_a_class text, p_b_class text, OUT rank integer, OUT first text, OUT other text, OUT name text
+)
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _side_rank(p_a_class) + _side_rank(p_b_class), s.first, s.other, _side_name(s.first)
+    FROM (SELECT CASE WHEN _side_rank(p_a_class) >= _side_rank(p_b_class) THEN p_a_class ELSE p_b_class END AS first,
+                 CASE WHEN _side_rank(p_a_class) >= _side_rank(p_b_class) THEN p_b_class ELSE p_a_class END AS other) s;
+END;
+COMMENT ON FUNCTION _sides(text, text) IS
+'How specific a rule is, its more specific side and the other one; _side_name of the first.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_rules(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
 DECLARE
     c_most CONSTANT bigint := 1000;
+    v_rule record;
     v_tie record;
+    v_rules rule[];
+    v_names jsonb;
+    v_is_tied boolean := false;
 BEGIN
     IF (SELECT count(*) FROM (SELECT FROM rule r WHERE r.scene_id = p_scene_id LIMIT c_most + 1) n) > c_most THEN
         FOUND := _raise('ZC017', 'rules', 'count', format('must be at most %s', c_most), 'rules_few');
     END IF;
     -- Rules of one rank overlap only if each names one class, or if they are of areas and of tracks with any.
-    WITH one AS (
-        SELECT r.*, _side_rank(r.a_class) + _side_rank(r.b_class) AS rank,
-               CASE WHEN _side_rank(r.a_class) >= _side_rank(r.b_class) THEN r.a_class ELSE r.b_class END AS first,
-               CASE WHEN _side_rank(r.a_class) >= _side_rank(r.b_class) THEN r.b_class ELSE r.a_class END AS other
-        FROM rule r WHERE r.scene_id = p_scene_id
-    )
-    SELECT p.a_class AS a, p.b_class AS b, q.a_class AS c, q.b_class AS d, k.a_kind, k.b_kind, p.first, q.first AS other
-        INTO v_tie
-        FROM one p JOIN one q ON q.rule_id > p.rule_id AND q.rank = p.rank AND p.rank IN (1, 3, 4)
-        CROSS JOIN (SELECT a::smallint AS a_kind, b::smallint AS b_kind
-                    FROM generate_series(0, 1) a CROSS JOIN generate_series(0, 1) b) k
-        -- Two areas keep the larger distances of both (_rule_between).
-        WHERE (p.rank <> 4 OR k.a_kind + k.b_kind > 0)
-          AND ((p.separation_m, p.vertical_m, p.time_s, p.allowed)
-                IS DISTINCT FROM (q.separation_m, q.vertical_m, q.time_s, q.allowed)
-                OR num_nonnulls(p.yields, q.yields) > 0)
-          AND CASE WHEN p.rank = 1 THEN _side_fits(p.first, k.a_kind, NULL) AND _side_fits(q.first, k.b_kind, NULL)
-                   ELSE _side_fits(p.other, k.b_kind, NULL) AND _side_fits(q.other, k.a_kind, NULL) END
-          AND (_rule_between(p_scene_id, k.a_kind, CASE WHEN p.rank > 1 THEN p.first END,
-                             k.b_kind, CASE WHEN p.rank > 1 THEN q.first END, p.rank)).rule_id IS NULL
-        ORDER BY p.rule_id, q.rule_id LIMIT 1;
-    IF FOUND THEN
+    v_rules := ARRAY(SELECT r FROM rule r WHERE r.scene_id = p_scene_id
+                     AND _side_rank(r.a_class) + _side_rank(r.b_class) IN (1, 3, 4));
+    v_names := _rule_names(p_scene_id);
+    FOR v_rule IN SELECT r.*, s.* FROM unnest(v_rules) r CROSS JOIN LATERAL _sides(r.a_class, r.b_class) s
+                  ORDER BY r.rule_id LOOP
+        SELECT v_rule.a_class AS a, v_rule.b_class AS b, q.a_class AS c, q.b_class AS d, k.a_kind, k.b_kind,
+               v_rule.first, s.first AS other INTO v_tie
+            FROM unnest(v_rules) q CROSS JOIN LATERAL _sides(q.a_class, q.b_class) s
+            CROSS JOIN (VALUES (0::smallint, 0::smallint), (0::smallint, 1::smallint), (1::smallint, 0::smallint),
+                               (1::smallint, 1::smallint)) k (a_kind, b_kind)
+            WHERE q.rule_id > v_rule.rule_id AND s.rank = v_rule.rank
+              AND ((v_rule.separation_m, v_rule.vertical_m, v_rule.time_s, v_rule.allowed)
+                   IS DISTINCT FROM (q.separation_m, q.vertical_m, q.time_s, q.allowed)
+                   OR num_nonnulls(v_rule.yields, q.yields) > 0)
+              AND CASE s.rank
+                  WHEN 1 THEN _side_fits(v_rule.first, k.a_kind, NULL) AND _side_fits(s.first, k.b_kind, NULL)
+                              AND NOT v_names ? format('k%s/k%s', k.a_kind, k.b_kind)
+                  -- Two areas keep the larger distances of both rules (_rule_between).
+                  ELSE (s.rank <> 4 OR k.a_kind + k.b_kind > 0)
+                       AND _side_fits(v_rule.other, k.b_kind, NULL) AND _side_fits(s.other, k.a_kind, NULL)
+                       AND NOT v_names ? format('%s/%s', v_rule.name, s.name)
+                       AND (s.rank = 4 OR NOT v_names ?| ARRAY[format('%s/k%s', v_rule.name, k.b_kind),
+                                                               format('%s/k%s', s.name, k.a_kind)]) END
+            ORDER BY q.rule_id LIMIT 1;
+        v_is_tied := FOUND;
+        EXIT WHEN v_is_tied;
+    END LOOP;
+    IF v_is_tied THEN
         FOUND := _raise('ZC019', format('rule %L with %L', coalesce(v_tie.c, 'any'), coalesce(v_tie.d, 'any')),
                         'classes',
                         format('applies to a pair of %L (%s) and %L (%s) alike with rule %L with %L', v_tie.first,

@@ -559,8 +559,8 @@ BEGIN ATOMIC
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(m.span) AS spans, ST_Union(_part_from_plane(m.part, s.plane)) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane,
-                       _longest_time_s(o.scene_id) AS within_s, r.classes, r.pairs
-                FROM scene o CROSS JOIN LATERAL _allowed_types(o.scene_id) r
+                       _longest_time_s(o.scene_id) AS within_s, _allowed_types(o.scene_id) AS rules
+                FROM scene o
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           -- OFFSET 0: the index looks up the wide span, too.
           CROSS JOIN LATERAL (SELECT o.*, _widened(o.span, s.within_s) AS wide FROM piece o
@@ -584,7 +584,7 @@ BEGIN ATOMIC
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
             AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                              b.owner_number, s.classes, s.pairs)
+                              b.owner_number, s.rules)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
     LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version

@@ -102,7 +102,7 @@ DECLARE
     v_spans tstzrange[];
     v_floors_m double precision[];
     v_ceilings_m double precision[];
-    v_allowed record := _allowed_types(p_scene_id);
+    v_allowed jsonb := _allowed_types(p_scene_id);
 BEGIN
     SELECT s.*, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane,
            2 * pi() * _radius_m(s.earth) AS turn_m, s.intervals = 'closed' AS is_closed,
@@ -206,7 +206,7 @@ BEGIN
                     -- Two plans once.
                     AND (n.object_id <> ALL (p_area_ids) OR n.kind = 1 OR n.id < n.object_id)
                     AND _are_compared(m.kind, m.class, m.owner, 0::smallint, _word_number(a.class),
-                                      _word_number(a.owner), v_allowed.classes, v_allowed.pairs)) n
+                                      _word_number(a.owner), v_allowed)) n
             GROUP BY n.nth / 64
         ), near_shape AS (
             SELECT c.kinds[k] AS kind, c.ids[k] AS id, c.legs[k] AS leg, c.object_ids[k] AS object_id,
@@ -222,7 +222,7 @@ BEGIN
         JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
         WHERE (n.kind <> 1 OR n.object_id <> n.id)
           AND _are_compared(m.kind, m.class, m.owner, 1::smallint, _word_number(t.class), _word_number(t.owner),
-                            v_allowed.classes, v_allowed.pairs)
+                            v_allowed)
         UNION ALL
         SELECT n.kind, n.id, 0::smallint, n.object_id, x.period
         FROM near_shape n JOIN scaled g ON g.kind = n.kind AND g.id = n.id AND (n.leg IS NULL OR n.leg = g.leg)

@@ -87,11 +87,10 @@ class Rule:
         """How specific it is: 6 for two classes, then 4, 3, 2 and 1."""
         return sum(0 if side is None else 1 if side in KINDS else 3 for side in (self.a_class, self.b_class))
 
-    def says_as(self, other: "Rule") -> bool:
-        """Return whether another rule says the same of all pairs; rules that say who yields do not."""
-        if self.yields is not None or other.yields is not None:
-            return False
-        return all(getattr(self, name) == getattr(other, name) for name in (*REPLACED, "allowed"))
+    @property
+    def says(self) -> tuple[Any, ...] | None:
+        """What it says of all its pairs, to be compared; None if it says who yields."""
+        return None if self.yields is not None else tuple(getattr(self, name) for name in (*REPLACED, "allowed"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,14 +102,14 @@ class RuleTable:
 
     rules : checked
     classes : names of classes, in order
-    rule : (t, t) int64, number of the rule for two types, symmetric; -1: the scene's settings
-    second : (t, t) int64, number of another rule that applies as well, -1: none; of two areas only
+    rule : (t, t) int16, number of the rule for two types, symmetric; -1: the scene's settings
+    second : (t, t) int16, number of another rule that applies as well, -1: none; of two areas only
     """
 
     rules: Sequence[Rule]
     classes: Sequence[str]
-    rule: NDArray[np.int64]
-    second: NDArray[np.int64]
+    rule: NDArray[np.int16]
+    second: NDArray[np.int16]
 
     @classmethod
     def of(cls, rules: Iterable[Rule]) -> "RuleTable":
@@ -120,8 +119,12 @@ class RuleTable:
         classes = sorted(named)
         place = {name: i + 1 for i, name in enumerate(classes)}
         n = 2 * (len(classes) + 1)
-        chosen, rank = np.full((n, n), -1), np.zeros((n, n), np.int64)
-        rival = np.full((n, n), -1)
+        # A thousand rules may name two thousand classes: small numbers, or half a gigabyte.
+        chosen, rank = np.full((n, n), -1, np.int16), np.zeros((n, n), np.int8)
+        rival = np.full((n, n), -1, np.int16)
+        # Rules that say the same have one number; those that say who yields have one each.
+        said: dict[Any, int] = {}
+        says = np.array([said.setdefault(rule.says or i, len(said)) for i, rule in enumerate(rules)], np.int64)
         areas = np.arange(n) % 2 == KINDS.index("area")
 
         def types(side: str | None) -> NDArray[np.int64]:
@@ -136,8 +139,7 @@ class RuleTable:
             own_chosen, own_rank, own_rival = chosen[block], rank[block], rival[block]
             tied, better = own_rank == rule.rank, own_rank < rule.rank
             if tied.any():
-                same = [one for one in np.unique(own_chosen[tied]).tolist() if rules[one].says_as(rule)]
-                own_rival[tied & ~np.isin(own_chosen, same)] = number
+                own_rival[tied & (says[own_chosen] != says[number])] = number
             own_chosen[better], own_rank[better], own_rival[better] = number, rule.rank, -1
             for of_all, own in ((chosen, own_chosen), (rank, own_rank), (rival, own_rival)):
                 of_all[block], of_all[mirrored] = own, own.T

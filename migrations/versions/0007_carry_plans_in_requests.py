@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3163ea55a1ef9c673a013cbef389a6237f0ba1d263a1ae79a7bd3dba0914a11e"
+routines_sha256 = "d8585eee331bd93e81c16ef7939c49a4809476333985284869a64bd1a2b44832"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

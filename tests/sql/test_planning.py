@@ -94,9 +94,7 @@ def plans(conn: Conn) -> list[dict[str, Any]]:
 
 def times_taken_apart(plan: dict[str, Any]) -> int:
     """Return the number of calls of functions in FROM, which unnest rows of pieces."""
-    # Separation rules are read once.
-    is_one = plan["Node Type"] == "Function Scan" and plan.get("Function Name") != "_allowed_types"
-    own = plan["Actual Loops"] if is_one else 0
+    own = plan["Actual Loops"] if plan["Node Type"] == "Function Scan" else 0
     return own + sum(times_taken_apart(child) for child in plan.get("Plans", []))
 
 

@@ -1,5 +1,6 @@
 """Separation rules in the database: entered, refused, marking only their pairs, and the answer of `solve`."""
 
+import contextlib
 import threading
 from dataclasses import replace
 from typing import Any
@@ -304,3 +305,50 @@ def test_python_and_files_carry_rules(dsn: str) -> None:
         assert len(db.scene("s").rules()) == 2
         with pytest.raises(InvalidInput, match="alike"):
             db.scene("s").put_rule(Rule(None, "escort", 7.0))
+
+
+def test_pairs_that_rules_allow_are_those_whose_most_specific_rule_does(conn: Conn) -> None:
+    """Random rules, all pairs of types: the lookup of detections, and the rule that explain names."""
+    rng, classes = np.random.default_rng(5), ["x", "y", "z", "w"]
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
+    sides, seen = [*classes, "area", "track", None], 0
+    for number in range(25):
+        conn.execute("SELECT conflictdb.create_scene(%s)", [f"s {number}"])
+        for _ in range(12):
+            a, b = (sides[int(rng.integers(len(sides)))] for _ in range(2))
+            is_allowed = bool(rng.random() < 0.5)
+            values = [f"s {number}", a, b, None if is_allowed else 5.0, None, None, is_allowed]
+            with contextlib.suppress(psycopg.Error), conn.transaction():  # two rules that apply alike
+                conn.execute("SELECT conflictdb.put_rule(%s, %s, %s, %s, %s, %s, %s)", values)
+        rows = conn.execute(
+            """
+            SELECT _are_compared(a.kind, _word_number(a.class), 0::bigint, b.kind, _word_number(b.class), 0::bigint,
+                                 _allowed_types(s.scene_id)),
+                   (_rule_between(s.scene_id, a.kind, a.class, b.kind, b.class)).allowed
+            FROM conflictdb.scene s,
+                 (SELECT k::smallint AS kind, c AS class FROM generate_series(0, 1) k,
+                         unnest(ARRAY['x', 'y', 'z', 'w', 'other', NULL]) c) a,
+                 (SELECT k::smallint AS kind, c AS class FROM generate_series(0, 1) k,
+                         unnest(ARRAY['x', 'y', 'z', 'w', 'other', NULL]) c) b
+            WHERE s.name = %s""",
+            [f"s {number}"],
+        ).fetchall()
+        assert len(rows) == 144
+        assert all(is_compared is not (allowed is True) for is_compared, allowed in rows)
+        seen += sum(allowed is True for _, allowed in rows)
+    assert seen > 300
+
+
+def test_the_lookup_of_allowed_pairs_grows_with_the_rules_alone(conn: Conn) -> None:
+    """Two names for each of a thousand rules, with as many classes: not the pairs of all classes."""
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    conn.execute(
+        """INSERT INTO conflictdb.rule (scene_id, a_class, b_class, separation_m, allowed)
+        SELECT s.scene_id, format('a%s', n), CASE WHEN n % 2 = 0 THEN format('b%s', n) END,
+               CASE WHEN n % 2 = 0 THEN 5 END, n % 2 = 1
+        FROM conflictdb.scene s, generate_series(1, 1000) n"""
+    )
+    [(names,)] = conn.execute(
+        "SELECT count(*) FROM conflictdb.scene s, jsonb_each(conflictdb_internal._allowed_types(s.scene_id))"
+    ).fetchall()
+    assert names == 2000
