@@ -28,7 +28,7 @@ from conflictdb.model.settings import STORED_BY_DETECT, given
 # Options that need files.
 _FOR_FILES: Final = (
     *("replace", "max_speed_kn", "layer", "skip_invalid", "max_file_mb", "haven", "time_zone", "map"),
-    *("departure", "speed_kn", "unbounded_heights"),
+    *("departure", "speed_kn", "unbounded_heights", "max_gap"),
 )
 
 

@@ -12,6 +12,7 @@ from conflictdb.cli.values import (
     days,
     duration_s,
     haven,
+    hours,
     instant,
     mapping,
     megabytes,
@@ -197,6 +198,7 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     add("--unbounded-heights", "of flight levels, AGL", action="store_true")
     add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
     add("--max-speed-kn", "limit (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
+    add("--max-gap", "positions (default 24)", type=hours, metavar="HOURS")
     add("--max-file-mb", "limit (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
 
 

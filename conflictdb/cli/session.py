@@ -12,7 +12,7 @@ from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.formats.hints import FileHints
+from conflictdb.formats.hints import MAX_GAP_S, FileHints
 from conflictdb.formats.instants import OFFSET_RULE
 from conflictdb.server import EmbeddedServer, embedded
 from conflictdb.session.database import Database, connect
@@ -93,6 +93,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
         args.unbounded_heights,
         args.departure,
         args.speed_kn,
+        max_gap_s=MAX_GAP_S if args.max_gap is None else 3600.0 * args.max_gap,
     )
     with shown_phases() as phase, _advice_on_time_zone(args):
         loaded = db.load_files(

@@ -97,6 +97,11 @@ def speed_kn(text: str) -> float:
     return _number(text, "a speed in knots, more than 0", least=ulp(0.0))
 
 
+def hours(text: str) -> float:
+    """Return a number of hours, more than 0."""
+    return _number(text, "a number of hours, more than 0", least=ulp(0.0))
+
+
 def megabytes(text: str) -> float:
     """Return a size in millions of bytes, more than 0."""
     rule = f"a number of megabytes, more than 0 and at most {_MOST_MB:g}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, pairwise
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from conflictdb.earth import geodesy
 from conflictdb.formats.contents import FileRefusals, Skipped
-from conflictdb.formats.hints import given_haven
+from conflictdb.formats.hints import given_haven, max_gap_s
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import EarthModel, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MPS_PER_KNOT
@@ -52,8 +52,11 @@ def tracks_of(
     size_columns: Sequence[str],
     max_speed_kn: float,
     left_out: dict[tuple[str, str], list[int]],
-) -> tuple[list[Track], list[Skipped]]:
-    """Return the tracks of the usable fixes of each object, and what is left out; raises InvalidInput with all errors.
+) -> tuple[list[Track], list[Skipped], list[str]]:
+    """Return the tracks of the usable fixes of each object, what is left out, and remarks.
+
+    Ships of one identity, and the fixes before and after a long gap, are tracks of their own. Raises InvalidInput with
+    all errors.
 
     size_columns : SIDES, LENGTH_WIDTH, both, or none for points
     max_speed_kn : fixes reachable only above this speed are left out, as few as possible
@@ -61,20 +64,59 @@ def tracks_of(
     """
     refusals = FileRefusals()
     tracks: list[Track] = []
+    others: list[str] = []
+    gaps: list[tuple[float, str]] = []
     given = list(objects)
     keys = {key for key, _ in given}
     for key, rows in given:
         with refusals:
-            for number, ship in enumerate(_ships_of(key, rows, size_columns, max_speed_kn, left_out), 1):
+            courses = list(_ships_of(key, rows, size_columns, max_speed_kn, left_out))
+            parts = [(ship, part) for ship, course in enumerate(courses) for part in _parts(key, course, left_out)]
+            for number, (ship, part) in enumerate(parts, 1):
                 name = key if number == 1 else next(one for one in _numbered(key, number) if one not in keys)
                 keys.add(name)
-                tracks.append(_track_of(name, rows, ship, size_columns))
+                if ship and ship > parts[number - 2][0]:
+                    others.append(name)
+                tracks.append(_track_of(name, rows, part, size_columns))
+            gaps += [(course.longest_gap_s(), key) for course in courses if course.longest_gap_s() > max_gap_s()]
     refusals.raise_found()
     kept = {track.key for track in tracks}
-    return tracks, [
+    texts = []
+    if others:
+        of = f"{len(others):,} more ships than ids: fixes of one id alternate between places"
+        texts.append(f"{of} that one ship cannot reach, so there are two ships; the other is {others[0]!r:.60}")
+    if gaps:
+        longest_s, key = max(gaps)
+        of = f"{len(gaps):,} objects have gaps of more than {max_gap_s() / 3600.0:g} hours between their times"
+        why = f"the longest, of {_lasts(longest_s)}, is that of {key!r:.60}"
+        texts.append(f"{of}, where their tracks are split; {why}: --max-gap takes another limit")
+    skipped = [
         Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
         for (key, reason), lines in left_out.items()
     ]
+    return tracks, skipped, texts
+
+
+def _lasts(seconds: float) -> str:
+    """Return a duration in hours, days or years."""
+    days = seconds / 86_400.0
+    if days < 3.0:
+        return f"{24.0 * days:.0f} hours"
+    return f"{days:.0f} days" if days < 1000.0 else f"{days / 365.25:.0f} years"
+
+
+def _parts(key: str, course: "_Course", left_out: dict[tuple[str, str], list[int]]) -> Iterator["_Course"]:
+    """Yield the parts of a course between long gaps; single fixes among these are noted and left out."""
+    after = np.flatnonzero(np.diff(course.times_us) > max_gap_s() * 1e6) + 1
+    bounds = [0, *after.tolist(), len(course)]
+    for first, last in pairwise(bounds):
+        if last - first >= _LEAST_FIXES:
+            chosen = np.zeros(len(course), np.bool_)
+            chosen[first:last] = True
+            yield course.of(chosen)
+        else:
+            reason = "a single fix, with a gap of more than the limit to the others"
+            left_out[key, reason].extend(course.lines[first:last].tolist())
 
 
 def _numbered(key: str, number: int) -> Iterator[str]:
@@ -91,6 +133,10 @@ class _Course:
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def longest_gap_s(self) -> float:
+        """Return the longest time between two fixes, seconds."""
+        return float(np.diff(self.times_us).max(initial=0)) / 1e6
 
     def of(self, chosen: NDArray[np.bool_]) -> "_Course":
         """Return some of the fixes."""

@@ -1,12 +1,13 @@
 """Read GPX: track points as observed positions, routes as plans.
 
 Each segment of a track becomes a track, from its usable points. A route becomes a track if it has a planned departure:
-`planned_departure`, `planned_speed` (knots) and, at its points, `etd` among its extensions, as OpenCPN writes them, or
-the departure and speed of the hints. Its legs are rhumb lines.
+`planned_departure` and `planned_speed` (knots) among its extensions, `etd` and `planned_speed` at its points, all as
+OpenCPN writes them, a time at each point, or the departure and speed of the hints. Its legs are rhumb lines.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence, Set
+from itertools import pairwise
 from typing import Final
 
 from conflictdb.errors import InvalidInput
@@ -19,6 +20,7 @@ from conflictdb.formats.routes import Route, Waypoint
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
+_OPENCPN: Final = "OpenCPN"
 _LAYERS: Final = ("waypoints", "routes", "tracks", "route_points", "track_points")
 _NO_SIZES: Final = f"{SAYS_NO_SIZES}: all tracks are points"
 
@@ -51,24 +53,24 @@ def read_gpx(
         observed = list(_segments(root, stem, missing))
     if not layers or {"routes", "route_points"} & set(layers):
         routes = list(enumerate(root.each("rte"), 1))
-        timed = [(nth, one) for nth, one in routes if _departure(one) is not None or departure()[0] is not None]
+        timed = [(nth, one) for nth, one in routes if _is_timed(root, one)]
         untimed = len(routes) - len(timed)
         names = _route_names(timed, stem, {key for key, _ in observed})
         for number, route in timed:
             name = route.value("name")
             key = name if name in names else row_id(stem, f"route {number}")
             with found.refusals:
-                found.add_route(f"route {number}", f"route {key!r}", _planned(key, route), max_speed_kn)
+                found.add_route(f"route {number}", f"route {key!r}", _planned(root, key, route), max_speed_kn)
         if untimed:
             reason = f"{untimed} features are routes, which have no times: no tracks"
             skipped.append(Skipped(source, "layer 'routes'", reason, (), is_whole=False))
-    tracks, rest = tracks_of(source, observed, (), max_speed_kn, missing)
+    tracks, rest, notes = tracks_of(source, observed, (), max_speed_kn, missing)
     contents = found.contents(skip_invalid=skip_invalid)
     contents.tracks.extend(tracks)
     contents.skipped.extend([*skipped, *rest])
     contents.derived = [track.key for track in contents.tracks]
-    if contents.tracks:
-        contents.remarks = [Remark(source, "file", _NO_SIZES)]
+    texts = [*((_NO_SIZES,) if contents.tracks else ()), *notes]
+    contents.remarks = [Remark(source, "file", text) for text in texts]
     return contents
 
 
@@ -132,23 +134,64 @@ def _departure(route: Element) -> str | None:
     """Return the planned departure of a route, of its first point, None if neither has one."""
     first = route.child("rtept")
     own = route.value("extensions", "planned_departure")
-    return own or (None if first is None else first.value("extensions", "etd"))
+    return own or (None if first is None else _extended(first, "etd"))
 
 
-def _planned(key: str, route: Element) -> Route:
-    """Return a route, with its key; raises InvalidInput."""
+def _extended(point: Element, name: str) -> str | None:
+    """Return an extension of a route point: an element, or an attribute of `rte_properties`, as OpenCPN writes it."""
+    properties = point.child("extensions", "rte_properties")
+    return point.value("extensions", name) or (None if properties is None else properties.get(name))
+
+
+def _has_times(root: Element, route: Element) -> bool:
+    """Return whether times of points are those of the voyage: OpenCPN writes when it made a point."""
+    if (root.get("creator") or "").startswith(_OPENCPN) or _departure(route) is not None:
+        return False
+    return any(point.value("time") is not None for point in route.each("rtept"))
+
+
+def _is_timed(root: Element, route: Element) -> bool:
+    return _departure(route) is not None or departure()[0] is not None or _has_times(root, route)
+
+
+def _utc(who: str, field: str, text: str | None) -> int | None:
+    """Return a time of GPX, in UTC where it says no offset; raises InvalidInput."""
+    try:
+        return None if text is None else parse_instant(text, naive_is_utc=True)
+    except ValueError as error:
+        raise InvalidInput(who, field, str(error)) from None
+
+
+def _planned(root: Element, key: str, route: Element) -> Route:
+    """Return a route, with its key; raises InvalidInput.
+
+    A speed of a point is that of the leg to it; without one the route's counts.
+    """
     who = f"route {key!r}"
     speed = route.value("extensions", "planned_speed")
     speed_kn = None if speed is None else number_of(who, "planned_speed", speed)
     points: list[Waypoint] = []
     for number, point in enumerate(route.each("rtept"), 1):
         where = f"point {number}"
-        if point.child("extensions", "planned_speed") is not None:
-            rule = "says a speed, but not of which leg: give planned_speed to the route, or etd to its points"
-            raise InvalidInput(who, f"{where}, planned_speed", rule)
+        own = _extended(point, "planned_speed")
+        own_kn = 0.0 if own is None else number_of(who, f"{where}, planned_speed", own)
         lon, lat = _place(f"{who}, {where}", point)
-        etd = time_of(who, f"{where}, etd", point.value("extensions", "etd"))
-        points.append(Waypoint(where, lon, lat, speed_kn=speed_kn, departure_us=etd))
-    if points and points[0].departure_us is None:
+        etd = _utc(who, f"{where}, etd", _extended(point, "etd"))
+        points.append(Waypoint(where, lon, lat, speed_kn=own_kn if own_kn > 0.0 else speed_kn, departure_us=etd))
+    if _has_times(root, route):
+        times_us = [_utc(who, f"point {i}, time", one.value("time")) for i, one in enumerate(route.each("rtept"), 1)]
+        _check_rising(who, times_us)
+        for waypoint, at_us in zip(points, times_us, strict=True):
+            waypoint.arrival_us = at_us
+    elif points and points[0].departure_us is None:
         points[0].departure_us = time_of(who, "planned_departure", _departure(route))
     return Route(key, points)
+
+
+def _check_rising(who: str, times_us: Sequence[int | None]) -> None:
+    """Raise InvalidInput unless all points have a time, each later than the one before."""
+    for number, (before, at) in enumerate(pairwise([None, *times_us]), 1):
+        if at is None or (before is not None and at <= before):
+            fault = "has no time" if at is None else "must be later than that of the point before"
+            rule = f"{fault}: the times of points are those of the route if all have one and they rise"
+            raise InvalidInput(who, f"point {number}, time", f"{rule}; else leave them out, and give --departure")

@@ -16,6 +16,10 @@ from conflictdb.model.settings import SETTINGS, VerticalDatum, checked
 _SETTING: Final = next(setting for setting in SETTINGS if setting.name == "vertical_datum")
 
 
+# Between positions: a day.
+MAX_GAP_S: Final = 86_400.0
+
+
 @dataclass(frozen=True, slots=True)
 class FileHints:
     """How to read files of other programs; raises InvalidInput for an unknown zone and an invalid haven.
@@ -27,6 +31,7 @@ class FileHints:
         out of positions
     unbounded_heights : heights above anything but the scene's vertical datum are unbounded; else refused
     departure, speed_kn : of routes that say no time, and no speed; an aware datetime, and knots
+    max_gap_s : positions of an object are two tracks where nothing is known of it for longer, seconds
     vertical_datum : of the scene that a file without settings is read for; None: of the scene it is loaded into, or msl
     """
 
@@ -37,6 +42,7 @@ class FileHints:
     departure: datetime | None = None
     speed_kn: float | None = None
     vertical_datum: VerticalDatum | str | None = None
+    max_gap_s: float = MAX_GAP_S
 
     def __post_init__(self) -> None:
         if self.time_zone is not None:
@@ -48,6 +54,8 @@ class FileHints:
         haven = self.haven_m
         if haven is not None and (len(haven) != 4 or not all(isfinite(side) and side >= 0.0 for side in haven)):
             raise InvalidInput("file", "haven_m", f"must be four numbers of metres, 0 or more; got {haven!r:.60}")
+        if not self.max_gap_s > 0.0:
+            raise InvalidInput("file", "max_gap_s", f"must be a number of seconds above 0; got {self.max_gap_s!r:.60}")
         if self.vertical_datum is not None:
             object.__setattr__(self, "vertical_datum", checked("file", _SETTING, self.vertical_datum))
         if self.departure is not None and self.departure.tzinfo is None:
@@ -135,6 +143,12 @@ def given_haven() -> Sequence[float] | None:
     """Return how far havens without a size reach, as `haven`; None if nothing is given."""
     reading = _READING.get()
     return None if reading is None else reading.hints.haven_m
+
+
+def max_gap_s() -> float:
+    """Return how long nothing may be known of an object between its positions, seconds."""
+    reading = _READING.get()
+    return MAX_GAP_S if reading is None else reading.hints.max_gap_s
 
 
 def renamed(names: Sequence[str]) -> list[str]:

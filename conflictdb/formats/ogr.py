@@ -384,9 +384,9 @@ class _TimedLines:
                     numbers = list(range(1, len(places) + 1))
                     observed.append((key, Fixes(numbers, times_us, places, constant={"name": one.key})))
         _, sized = timed(planned, Scene("file"), max_speed_kn, refusals)
-        tracks, rest = tracks_of(source, observed, (), max_speed_kn, defaultdict(list))
+        tracks, rest, notes = tracks_of(source, observed, (), max_speed_kn, defaultdict(list))
         contents.tracks.extend([*sized, *tracks])
         contents.skipped.extend(rest)
         contents.derived = [*contents.derived, *(one.key for one in self.lines if not one.values.get("id"))]
-        if tracks:
-            contents.remarks = [Remark(source, "file", f"{SAYS_NO_SIZES}: its gx:Tracks are points")]
+        texts = [*((f"{SAYS_NO_SIZES}: its gx:Tracks are points",) if tracks else ()), *notes]
+        contents.remarks = [Remark(source, "file", text) for text in texts]

@@ -106,7 +106,7 @@ def read_positions(
         max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
     fixes = reader.fixes(max_objects)
     reader.refusals.raise_found()
-    tracks, skipped = tracks_of(source, fixes.items(), reader.size_columns, max_speed_kn, reader.left_out)
+    tracks, skipped, notes = tracks_of(source, fixes.items(), reader.size_columns, max_speed_kn, reader.left_out)
     contents = Contents(None, [], tracks, skipped)
     texts = [] if reader.size_columns else [f"{NO_SIZES} ({_SIZES}): all are points"]
     texts += ["has dates with slashes: they are read as day/month/year"] if reader.is_day_first else []
@@ -114,10 +114,7 @@ def read_positions(
     if unsized:
         of = f"{len(unsized):,} of {len(fixes):,} objects have"
         texts.append(f"{of} no size and are left out, such as {unsized[0]!r:.60}: --haven gives them one")
-    others = [track.key for track in tracks if track.key not in fixes]
-    if others:
-        of = f"{len(others):,} more ships than ids: fixes of one id alternate between places"
-        texts.append(f"{of} that one ship cannot reach, so there are two ships; the other is {others[0]!r:.60}")
+    texts += notes
     flat = [key for key, rows in fixes.items() if reader.is_flat(rows)]
     if flat:
         of = f"{len(flat):,} of {len(fixes):,} objects have"

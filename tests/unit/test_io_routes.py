@@ -371,7 +371,7 @@ def test_a_route_of_gpx_needs_a_planned_departure(tmp_path: Path) -> None:
     (by_point,) = read(path).tracks
     assert by_option.times_us.tolist() == by_file.times_us.tolist() == by_point.times_us.tolist()
     for wrong, rule in (
-        (gpx(planned, "<o:planned_speed>9</o:planned_speed>"), "'R': point 1, planned_speed: says a speed, but not"),
+        (gpx(planned, "<o:planned_speed>x</o:planned_speed>"), "'R': point 1, planned_speed: must be a number"),
         (gpx(planned).replace(">12<", ">fast<"), "'R': planned_speed: must be a number; got 'fast'"),
         (gpx(planned).replace("06:00:00Z", "06:00:00"), "'R': planned_departure: needs an offset"),
         (
@@ -382,3 +382,64 @@ def test_a_route_of_gpx_needs_a_planned_departure(tmp_path: Path) -> None:
         path.write_text(wrong)
         with pytest.raises(InvalidInput, match=rule):
             read(path)
+
+
+def route_of_points(*points: str, creator: str = "router", route: str = "") -> str:
+    each = "".join(f'<rtept lat="57" lon="{10 + 0.1 * i}">{point}</rtept>' for i, point in enumerate(points))
+    return f'<gpx creator="{creator}" xmlns:opencpn="o"><rte><name>R</name>{route}{each}</rte></gpx>'
+
+
+def properties(**given: str) -> str:
+    text = " ".join(f'{name}="{one}"' for name, one in given.items())
+    return f"<extensions><opencpn:rte_properties {text}/></extensions>"
+
+
+def test_speeds_and_departures_of_legs_are_those_of_opencpn(tmp_path: Path) -> None:
+    """It writes them as attributes; a speed belongs to the leg that leads to its point, and 0 is none."""
+    path = tmp_path / "plan.gpx"
+    route = (
+        "<extensions><opencpn:planned_speed>6</opencpn:planned_speed>"
+        "<opencpn:planned_departure>2026-06-01T10:00:00Z</opencpn:planned_departure></extensions>"
+    )
+    made = "<time>2026-05-01T00:00:00Z</time>"
+    points = (properties(planned_speed="1"), properties(planned_speed="12.0"), properties(planned_speed="0"))
+    path.write_text(route_of_points(*(made + one for one in points), creator="OpenCPN", route=route))
+    (track,) = read(path).tracks
+    fast, slow = np.diff(track.times_us)
+    assert slow / fast == pytest.approx(2.0, rel=1e-9)
+    points = (properties(etd="2026-06-01T10:00:00"), properties(planned_speed="12", etd="2026-06-01T12:00:00Z"), "")
+    path.write_text(route_of_points(*points, creator="OpenCPN", route=route))
+    (track,) = read(path).tracks
+    assert track.times_us[2] - track.times_us[0] == 2 * 3_600_000_000
+
+
+def test_times_of_route_points_are_those_of_the_track(tmp_path: Path) -> None:
+    path = tmp_path / "plan.gpx"
+    times = [f"<time>2026-06-01T1{hour}:00:00Z</time>" for hour in range(3)]
+    path.write_text(route_of_points(*times))
+    (track,) = read(path).tracks
+    assert np.diff(track.times_us).tolist() == [3_600_000_000] * 2
+    for wrong, number in ((["", *times[1:]], 1), ([times[0], "", times[2]], 2), ([times[1], times[2], times[0]], 3)):
+        path.write_text(route_of_points(*wrong))
+        with pytest.raises(
+            InvalidInput, match=f"point {number}, time: .*the times of points are those of the route if"
+        ):
+            read(path)
+
+
+def test_a_track_is_split_where_nothing_is_known_for_long(tmp_path: Path) -> None:
+    """A fix of a wrong date made a leg of decades, and a pause of weeks a straight voyage."""
+    times = ["1980-01-06T00:00:07Z", "2026-06-01T10:30:00Z", "2026-06-01T11:00:00Z"]
+    times += ["2026-06-15T11:00:00Z", "2026-06-15T12:00:00Z"]
+    points = "".join(f'<trkpt lat="57" lon="{10 + 0.01 * i}"><time>{at}</time></trkpt>' for i, at in enumerate(times))
+    path = tmp_path / "log.gpx"
+    path.write_text(f"<gpx><trk><name>L</name><trkseg>{points}</trkseg></trk></gpx>")
+    contents = read(path)
+    assert [(one.key, len(one.times_us)) for one in contents.tracks] == [("L", 2), ("L/2", 2)]
+    assert [one.reason for one in contents.skipped] == ["a single fix, with a gap of more than the limit to the others"]
+    assert "1 objects have gaps of more than 24 hours" in contents.remarks[1].text
+    assert "the longest, of 46 years, is that of 'L': --max-gap takes another limit" in contents.remarks[1].text
+    whole = read(path, hints=FileHints(max_gap_s=np.inf))
+    assert [len(one.times_us) for one in whole.tracks] == [5]
+    with pytest.raises(InvalidInput, match="max_gap_s: must be a number of seconds above 0"):
+        FileHints(max_gap_s=0.0)
