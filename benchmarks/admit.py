@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
-from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.formats.scene_file import feature_of
 
 if TYPE_CHECKING:
     import psycopg
@@ -382,15 +382,7 @@ def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str,
 
 def as_plan(plan: Area | Track) -> dict[str, Any]:
     """Return a flight's plan as the function of SQL takes it."""
-    heights = {"key": plan.key, "floor_m": plan.floor_m, "ceiling_m": plan.ceiling_m}
-    if isinstance(plan, Area):
-        start, end = (EPOCH + (us or 0) * MICROSECOND for us in (plan.start_us, plan.end_us))
-        return heights | {"footprint": plan.footprint.wkt, "active_span": f"[{start},{end})"}
-    return heights | {
-        "path": shapely.LineString(plan.positions_deg).wkt,
-        "times": [str(EPOCH + us * MICROSECOND) for us in plan.times_us.tolist()],
-        "outline": shapely.Polygon(plan.outline_m).wkt,
-    }
+    return feature_of(plan) | {"version": 1}
 
 
 def main() -> None:

@@ -271,8 +271,8 @@ BEGIN
         END IF;
         IF v_most IS NULL THEN
             BEGIN
-                v_window := ARRAY[(v_one.value ->> 0)::timestamptz, (v_one.value ->> 1)::timestamptz];
-            EXCEPTION WHEN data_exception THEN
+                v_window := ARRAY[instant(v_one.value ->> 0), instant(v_one.value ->> 1)];
+            EXCEPTION WHEN data_exception OR SQLSTATE 'ZC003' THEN
                 v_window := NULL;
             END;
             IF (v_window[1] <= v_planned AND v_planned <= v_window[2]

@@ -135,6 +135,209 @@ COMMENT ON FUNCTION _check_track_probe(bigint, geometry, geometry, double precis
                                        double precision) IS
 'Raises an error (class ZC) for a track that a worker could not probe.';
 
+-- Requests carry plans in the form of scene files: GeoJSON features, "version": 1. Workers read them as files.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._instant_text(p_at timestamptz) RETURNS text
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN isfinite(p_at) THEN to_char(p_at AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US"Z"') END;
+END;
+COMMENT ON FUNCTION _instant_text(timestamptz) IS 'An instant as in scene files; null for null and infinity.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._positions(p_geometry geometry, p_are_closed boolean) RETURNS jsonb
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT jsonb_agg(jsonb_build_array(ST_X(d.geom), ST_Y(d.geom)) ORDER BY d.path)
+    FROM ST_DumpPoints(p_geometry) d
+    WHERE p_are_closed OR d.path[cardinality(d.path)] < ST_NPoints(p_geometry);
+END;
+COMMENT ON FUNCTION _positions(geometry, boolean) IS
+'The points of a line or of a polygon with one ring as a JSON array; without the last one unless p_are_closed.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._open_outline(p_outline geometry) RETURNS jsonb
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_ring jsonb := _positions(p_outline, false);
+BEGIN
+    -- A ring has at least four points: points and lines repeat theirs.
+    WHILE jsonb_array_length(v_ring) BETWEEN 2 AND 3 AND v_ring -> -1 = v_ring -> -2 LOOP
+        v_ring := v_ring - -1;
+    END LOOP;
+    RETURN v_ring;
+END
+$$;
+COMMENT ON FUNCTION _open_outline(geometry) IS 'The vertices of a haven as a JSON array, each once.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._members_of_plans() RETURNS text[]
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ARRAY['kind', 'name', 'start', 'end', 'spans', 'schedule', 'floor_m', 'ceiling_m', 'class', 'owner',
+                 'outline_m', 'grow_mps', 'outlines_m', 'departures', 'times', 'datetimes', 'speed_kn', 'speed_mps',
+                 'xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn', 'turn_radius_m', 'departure_window',
+                 'arrival_window', 'fore_m', 'fore_nmi', 'aft_m', 'aft_nmi', 'port_m', 'port_nmi', 'starboard_m',
+                 'starboard_nmi'];
+END;
+COMMENT ON FUNCTION _members_of_plans() IS 'Names of properties that have a meaning in scene files.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._feature(p_area area) RETURNS jsonb
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+BEGIN
+    RETURN jsonb_build_object(
+        'type', 'Feature', 'version', 1, 'id', p_area.key,
+        'geometry', jsonb_build_object('type', 'MultiPolygon', 'coordinates', (
+            SELECT jsonb_agg(r.rings ORDER BY r.n)
+            FROM (SELECT p.path[1] AS n, jsonb_agg(_positions(ST_ExteriorRing(g.geom), true) ORDER BY g.path) AS rings
+                  FROM ST_Dump(p_area.footprint::geometry) p CROSS JOIN ST_DumpRings(p.geom) g GROUP BY p.path) r)),
+        'properties', (coalesce(p_area.properties, '{}') - _members_of_plans()) || jsonb_strip_nulls(jsonb_build_object(
+            'kind', 'area', 'name', p_area.name, 'class', p_area.class, 'owner', p_area.owner,
+            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m))
+            || CASE WHEN p_area.schedule IS NULL AND p_area.activations IS NOT NULL
+                    THEN jsonb_build_object('spans', (
+                        SELECT coalesce(jsonb_agg(jsonb_build_array(_instant_text(lower(s)), _instant_text(upper(s)))
+                                                  ORDER BY s), '[]') FROM unnest(p_area.activations) s))
+                    ELSE jsonb_strip_nulls(jsonb_build_object(
+                        'start', _instant_text(lower(p_area.active_span)),
+                        'end', _instant_text(upper(p_area.active_span))))
+                    END
+            -- A schedule keeps its nulls.
+            || CASE WHEN p_area.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_area.schedule) END);
+END
+$$;
+COMMENT ON FUNCTION _feature(area) IS 'A row of area as a feature of a scene file, with all digits.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._feature(p_track track) RETURNS jsonb
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+BEGIN
+    RETURN jsonb_build_object(
+        'type', 'Feature', 'version', 1, 'id', p_track.key,
+        'geometry', jsonb_build_object('type', 'LineString', 'coordinates', _positions(p_track.path, true)),
+        'properties', (coalesce(p_track.properties, '{}') - _members_of_plans())
+            || coalesce(p_track.tolerances, '{}') || jsonb_strip_nulls(jsonb_build_object(
+            'kind', 'track', 'name', p_track.name, 'class', p_track.class, 'owner', p_track.owner,
+            'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m, 'grow_mps', nullif(p_track.grow_mps, 0)))
+            || jsonb_build_object('times', (
+                SELECT jsonb_agg(_instant_text(_instant_of(round(ST_M(d.geom) * 1e6)::bigint)) ORDER BY d.path)
+                FROM ST_DumpPoints(p_track.path) d))
+            -- Null heights of a leg mean no limit.
+            || CASE WHEN p_track.floors_m IS NULL THEN '{}' ELSE jsonb_build_object('floor_m', p_track.floors_m) END
+            || CASE WHEN p_track.ceilings_m IS NULL THEN '{}'
+                    ELSE jsonb_build_object('ceiling_m', p_track.ceilings_m) END
+            || CASE WHEN p_track.outlines IS NULL
+                    THEN jsonb_build_object('outline_m', _open_outline(p_track.outline))
+                    ELSE jsonb_build_object('outlines_m', (
+                        SELECT jsonb_agg(_positions(ST_ExteriorRing(d.geom), true) ORDER BY d.path)
+                        FROM ST_Dump(p_track.outlines) d)) END
+            || CASE WHEN p_track.departures IS NULL OR p_track.schedule IS NOT NULL THEN '{}'
+                    ELSE jsonb_build_object('departures', (
+                        SELECT coalesce(jsonb_agg(_instant_text(d) ORDER BY n), '[]')
+                        FROM unnest(p_track.departures) WITH ORDINALITY u (d, n))) END
+            || CASE WHEN p_track.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_track.schedule) END);
+END
+$$;
+COMMENT ON FUNCTION _feature(track) IS 'A row of track as a feature of a scene file, with all digits.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._plans_given(p_plans jsonb) RETURNS jsonb
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_most CONSTANT integer := 1000;
+    c_members CONSTANT text[] := ARRAY['type', 'version', 'features', 'foreign'];
+    c_versions CONSTANT jsonb[] := ARRAY['1', 'null']::jsonb[];
+    v_is_collection boolean := coalesce(p_plans ->> 'type' = 'FeatureCollection', false);
+    v_features jsonb := CASE WHEN v_is_collection THEN p_plans -> 'features' ELSE p_plans END;
+    v_feature jsonb;
+    v_who text;
+    v_points bigint;
+    v_member text;
+BEGIN
+    IF (jsonb_typeof(v_features) = 'array' AND jsonb_array_length(v_features) BETWEEN 1 AND c_most) IS NOT TRUE THEN
+        FOUND := _raise('ZC016', 'plans', 'plans', format('must be a JSON array of 1 to %s plans', c_most),
+                        'plans_array', 'Plans are GeoJSON features as in scene files.');
+    END IF;
+    IF v_is_collection THEN
+        SELECT k INTO v_member FROM jsonb_object_keys(p_plans) k WHERE k <> ALL (c_members) ORDER BY k LIMIT 1;
+        IF FOUND THEN
+            FOUND := _raise('ZC016', 'plans', v_member, 'is not a member of plans', 'plan_members',
+                            format('Known: %s.', array_to_string(c_members, ', ')));
+        END IF;
+        IF coalesce(p_plans -> 'version', 'null') <> ALL (c_versions) THEN
+            FOUND := _raise('ZC016', 'plans', 'version',
+                            format('must be 1; got %s', left((p_plans -> 'version')::text, 60)), 'plan_version');
+        END IF;
+    END IF;
+    FOR v_feature IN SELECT f FROM jsonb_array_elements(v_features) f LOOP
+        IF jsonb_typeof(v_feature) <> 'object' OR v_feature ->> 'type' IS DISTINCT FROM 'Feature' THEN
+            FOUND := _raise('ZC016', 'plans', 'type', format('must be a GeoJSON Feature; got %s',
+                                                             left(v_feature::text, 60)), 'plan_object');
+        END IF;
+        IF jsonb_typeof(v_feature -> 'id') IS DISTINCT FROM 'string' OR v_feature ->> 'id' = '' THEN
+            FOUND := _raise('ZC016', 'plans', 'id', format('must be text, the key of a plan; got %s',
+                                                           coalesce(left((v_feature -> 'id')::text, 60), 'none')),
+                            'plan_object');
+        END IF;
+        v_who := format('plan %L', left(v_feature ->> 'id', 100));
+        IF coalesce(v_feature -> 'version', 'null') <> ALL (c_versions) THEN
+            FOUND := _raise('ZC016', v_who, 'version',
+                            format('must be 1; got %s', left((v_feature -> 'version')::text, 60)), 'plan_version');
+        END IF;
+        -- Workers check all else.
+        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+            FROM jsonb_path_query(v_feature -> 'geometry', CASE v_feature #>> '{geometry,type}'
+                                      WHEN 'Polygon' THEN '$.coordinates[*]' WHEN 'MultiPolygon' THEN
+                                      '$.coordinates[*][*]' ELSE '$.coordinates' END::jsonpath) r
+            WHERE jsonb_typeof(r) = 'array';
+        PERFORM CASE WHEN v_feature #>> '{geometry,type}' IN ('Polygon', 'MultiPolygon')
+                     THEN _check_size(v_who, 'geometry', v_points, 'max_vertices')
+                     ELSE _check_size(v_who, 'geometry', v_points, 'max_waypoints') END;
+        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+            FROM jsonb_path_query(v_feature, '$.temporalGeometry.coordinates') r WHERE jsonb_typeof(r) = 'array';
+        PERFORM _check_size(v_who, 'temporalGeometry', v_points, 'max_waypoints');
+        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+            FROM (SELECT jsonb_path_query(v_feature, '$.properties.outline_m') AS r
+                  UNION ALL SELECT jsonb_path_query(v_feature, '$.properties.outlines_m[*]')) o
+            WHERE jsonb_typeof(r) = 'array';
+        PERFORM _check_size(v_who, 'outline_m', v_points, 'max_vertices');
+    END LOOP;
+    SELECT f ->> 'id' INTO v_member FROM jsonb_array_elements(v_features) f GROUP BY 1 HAVING count(*) > 1 LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC007', format('plan %L', v_member), 'key', 'occurs more than once: keys must be unique',
+                        'plan_key_unique');
+    END IF;
+    RETURN jsonb_build_object('type', 'FeatureCollection', 'version', 1, 'features', (
+               SELECT jsonb_agg(f - 'version' ORDER BY n)
+               FROM jsonb_array_elements(v_features) WITH ORDINALITY u (f, n)))
+           || CASE WHEN v_is_collection AND p_plans ? 'foreign' THEN jsonb_build_object('foreign', p_plans -> 'foreign')
+                   ELSE '{}' END;
+END
+$$;
+COMMENT ON FUNCTION _plans_given(jsonb) IS
+'Plans as a FeatureCollection, from one or from an array of GeoJSON features as in scene files, version 1. Raises '
+'ZC016, ZC007 or ZC017 for plans that no worker could read; workers check the members.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_options(p_kind text, p_options jsonb) RETURNS void
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_member text;
+BEGIN
+    IF jsonb_typeof(p_options) IS DISTINCT FROM 'object' THEN
+        FOUND := _raise('ZC016', 'what is asked about', 'options', 'must be a JSON object', 'options_object');
+    END IF;
+    SELECT e.key INTO v_member FROM jsonb_each(p_options) e
+        LEFT JOIN (VALUES ('delays', 'key', 'string'), ('delays', 'horizon_s', 'number'),
+                          ('delays', 'now_us', 'number'),
+                          ('admit', 'owner', 'string'), ('admit', 'allow_known', 'boolean'),
+                          ('admit', 'replace', 'array')) o (kind, key, type) ON o.kind = p_kind AND o.key = e.key
+        WHERE o.type IS NULL OR jsonb_typeof(e.value) NOT IN (o.type, 'null')
+              OR e.key = 'replace' AND jsonb_path_exists(e.value, 'strict $[*] ? (@.type() <> "string")')
+        LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC016', 'what is asked about', v_member,
+                        format('is no option of %s, or not of its type', p_kind), 'options_known');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_options(text, jsonb) IS
+'Raises ZC016 for options that a request of that kind does not have.';
+
 -- Readers may insert requests directly, so every row is checked.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._before_probe_request() RETURNS trigger
@@ -143,30 +346,32 @@ DECLARE
     c_who CONSTANT text := 'what is asked about';
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
+    v_plans jsonb;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays, NEW.admission) > 0
-       OR NEW.failures <> 0 THEN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.answer) > 0 OR NEW.failures <> 0 THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
+    IF (NEW.kind IN ('probe', 'delays', 'admit')) IS NOT TRUE THEN
+        FOUND := _raise('ZC016', c_who, 'kind', format('must be probe, delays or admit; got %s',
+                                                       quote_nullable(NEW.kind)), 'probe_kind');
+    END IF;
     NEW.asked_at := now();
-    IF NEW.plans IS NOT NULL THEN
+    IF NEW.kind = 'admit' AND NOT _may_admit(NEW.asked_by, NEW.scene_id) THEN
         -- A worker puts them.
-        IF NOT _may_admit(NEW.asked_by, NEW.scene_id) THEN
-            FOUND := _raise('42501', c_who, 'plans', format('role %I may not change this scene', NEW.asked_by),
-                            'admission_permitted', 'GRANT conflictdb_editor, or share the scene for writing.');
-        END IF;
-        PERFORM _check_plans(NEW.plans), _check_word(c_who, 'owner', NEW.owner);
-    ELSIF NEW.horizon IS NOT NULL THEN
-        PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon, lower(NEW.active_span));
-        NEW.active_span := tstzrange(lower(NEW.active_span), NULL);
-    ELSIF NEW.object_kind = 0 THEN
-        PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
-        NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)),
-                                      _is_closed(NEW.scene_id));
-        NEW.active_span := tstzrange(nullif(lower(NEW.active_span), '-infinity'),
-                                     nullif(upper(NEW.active_span), 'infinity'));
+        FOUND := _raise('42501', c_who, 'plans', format('role %I may not change this scene', NEW.asked_by),
+                        'admission_permitted', 'GRANT conflictdb_editor, or share the scene for writing.');
+    END IF;
+    PERFORM _check_options(NEW.kind, NEW.options);
+    IF NEW.kind = 'delays' THEN
+        NEW.plans := NULL;
+        PERFORM _check_delays_request(NEW.scene_id, NEW.options ->> 'key',
+                                      make_interval(secs => (NEW.options ->> 'horizon_s')::double precision),
+                                      _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
     ELSE
-        PERFORM _check_track_probe(NEW.scene_id, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps);
+        v_plans := _plans_given(NEW.plans::jsonb);
+        -- As given: jsonb has no negative zero.
+        NEW.plans := CASE WHEN json_typeof(NEW.plans) = 'object' THEN NEW.plans ELSE v_plans::json END;
+        PERFORM _check_word(c_who, 'owner', NEW.options ->> 'owner');
     END IF;
     IF (SELECT count(*) FROM (SELECT FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
                               LIMIT c_most_waiting) w) >= c_most_waiting THEN
@@ -183,55 +388,117 @@ CREATE OR REPLACE TRIGGER probe_request_checked BEFORE INSERT ON probe_request
     FOR EACH ROW EXECUTE FUNCTION _before_probe_request();
 ALTER TABLE probe_request ENABLE ALWAYS TRIGGER probe_request_checked;
 
-CREATE OR REPLACE FUNCTION request_probe(
-    p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
-    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL, p_key text DEFAULT NULL
+CREATE OR REPLACE FUNCTION conflictdb_internal._request(
+    p_scene_id bigint, p_kind text, p_plans json, p_options jsonb DEFAULT '{}'
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
     v_probe_id bigint;
 BEGIN
-    PERFORM _check_area_probe(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
     PERFORM _prune_probes();
-    INSERT INTO probe_request (scene_id, object_kind, key, footprint, active_span, floor_m, ceiling_m)
-        VALUES (v_scene_id, 0, p_key, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m)
+    INSERT INTO probe_request (scene_id, kind, plans, options) VALUES (p_scene_id, p_kind, p_plans, p_options)
         RETURNING probe_id INTO v_probe_id;
     PERFORM _wake_workers();
     RETURN v_probe_id;
 END
 $$;
-COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text) IS
+COMMENT ON FUNCTION _request(bigint, text, json, jsonb) IS
+'Leaves a request for the workers, who see it once it is committed; returns its id.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._of_replaced(
+    p_scene_id bigint, INOUT p_key text, INOUT p_class text, INOUT p_owner text
+)
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_replaced record;
+BEGIN
+    PERFORM _check_common('what is asked about', coalesce(p_key, 'plan'), NULL, NULL, '{}', p_class, p_owner);
+    IF p_key IS NULL THEN
+        -- Nothing is replaced.
+        p_key := CASE WHEN _has_key(p_scene_id, 'plan') THEN 'plan ' || gen_random_uuid() ELSE 'plan' END;
+        RETURN;
+    END IF;
+    SELECT a.class, a.owner INTO v_replaced FROM area a WHERE a.scene_id = p_scene_id AND a.key = p_key;
+    IF NOT FOUND THEN
+        SELECT t.class, t.owner INTO v_replaced FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key;
+    END IF;
+    IF FOUND THEN
+        p_class := coalesce(p_class, v_replaced.class);
+        p_owner := coalesce(p_owner, v_replaced.owner);
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _of_replaced(bigint, text, text, text) IS
+'Key, class and owner of a plan: where they are null, class and owner of the stored object of that key, and a key that '
+'the scene does not have.';
+
+CREATE OR REPLACE FUNCTION request_probe(
+    p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
+    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL, p_key text DEFAULT NULL,
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_area area;
+BEGIN
+    PERFORM _check_area_probe(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
+    SELECT r.p_key, r.p_class, r.p_owner INTO v_area.key, v_area.class, v_area.owner
+        FROM _of_replaced(v_scene_id, p_key, p_class, p_owner) r;
+    v_area.footprint := ST_Multi(ST_Force2D(p_footprint));
+    v_area.active_span := _half_open(coalesce(p_active_span, tstzrange(NULL, NULL)), _is_closed(v_scene_id));
+    v_area.floor_m := p_floor_m;
+    v_area.ceiling_m := p_ceiling_m;
+    RETURN _request(v_scene_id, 'probe', json_build_array(_feature(v_area)));
+END
+$$;
+COMMENT ON FUNCTION request_probe(text, geometry, tstzrange, double precision, double precision, text, text, text) IS
 'Asks the workers which objects an area (longitude and latitude, SRID 4326; [start, end); heights in metres; null: '
 'unbounded) would conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called '
-'after commit. p_key: object that the area would replace, which is ignored.';
+'after commit. p_key: object that the area would replace, which is ignored. p_class, p_owner: class and owner of the '
+'area; null: those of that object, else none.';
 
 CREATE OR REPLACE FUNCTION request_track_probe(
     p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
-    p_ceiling_m double precision DEFAULT NULL, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL
+    p_ceiling_m double precision DEFAULT NULL, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL,
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
-    v_probe_id bigint;
+    v_track track;
 BEGIN
     PERFORM _check_track_probe(v_scene_id, p_path, p_outline, p_floor_m, p_ceiling_m, p_grow_mps);
-    PERFORM _prune_probes();
-    INSERT INTO probe_request (scene_id, object_kind, key, path, outline, floor_m, ceiling_m, grow_mps)
-        VALUES (v_scene_id, 1, p_key, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, coalesce(p_grow_mps, 0))
-        RETURNING probe_id INTO v_probe_id;
-    PERFORM _wake_workers();
-    RETURN v_probe_id;
+    SELECT r.p_key, r.p_class, r.p_owner INTO v_track.key, v_track.class, v_track.owner
+        FROM _of_replaced(v_scene_id, p_key, p_class, p_owner) r;
+    v_track.path := p_path;
+    v_track.outline := ST_Force2D(p_outline);
+    v_track.floor_m := p_floor_m;
+    v_track.ceiling_m := p_ceiling_m;
+    v_track.grow_mps := coalesce(p_grow_mps, 0);
+    RETURN _request(v_scene_id, 'probe', json_build_array(_feature(v_track)));
 END
 $$;
 COMMENT ON FUNCTION request_track_probe(text, geometry, geometry, double precision, double precision,
-                                        double precision, text) IS
+                                        double precision, text, text, text) IS
 'Asks the workers which objects a track (path and outline as in put_track; heights in metres; null: unbounded) would '
 'conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called after commit. '
-'p_key: object that the track would replace, which is ignored.';
+'p_key: object that the track would replace, which is ignored. p_class, p_owner: class and owner of the track; null: '
+'those of that object, else none.';
+
+CREATE OR REPLACE FUNCTION request_plans_probe(p_scene text, p_plans jsonb) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN _request(_scene_id(p_scene), 'probe', p_plans::json);
+END
+$$;
+COMMENT ON FUNCTION request_plans_probe(text, jsonb) IS
+'Asks the workers which objects plans would conflict with, and when, and which of each other. p_plans: a JSON array of '
+'GeoJSON features as in scene files, each with "version": 1, or a FeatureCollection of them. Plans replace the objects '
+'of the same keys together. Returns an id for wait_for_plans_probe, to be called after commit.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._await_answer(
-    p_probe_id bigint, p_timeout interval, p_is_delays boolean
+    p_probe_id bigint, p_timeout interval, p_kind text
 ) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -242,7 +509,7 @@ DECLARE
 BEGIN
     LOOP
         SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
-            FROM probe_request p WHERE p.probe_id = p_probe_id AND (p.horizon IS NOT NULL) = p_is_delays;
+            FROM probe_request p WHERE p.probe_id = p_probe_id AND p.kind = p_kind;
         IF NOT FOUND THEN
             FOUND := _raise('ZC011', v_who, 'probe_id', 'is not a request of this kind and role within the last hour',
                             'probe_known');
@@ -270,10 +537,44 @@ BEGIN
     RETURN v_request.is_current;
 END
 $$;
-COMMENT ON FUNCTION _await_answer(bigint, interval, boolean) IS
-'Waits until a worker has replied to a request, for a probe or for delays; returns whether the scene was current then. '
+COMMENT ON FUNCTION _await_answer(bigint, interval, text) IS
+'Waits until a worker has replied to a request of a kind; returns whether the scene was current then. '
 'Raises ZC015 after p_timeout (null: waits without limit), ZC016 with the reason of an invalid plan, and ZC013 in a '
 'transaction that cannot see the reply.';
+
+CREATE OR REPLACE FUNCTION wait_for_plans_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
+RETURNS TABLE (
+    plan_key text, key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz,
+    last_contact timestamptz, time_error_s double precision, first_contact_point geometry, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_beyond text;
+BEGIN
+    IF EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_probe_id AND p.kind = 'admit') THEN
+        FOUND := _raise('ZC011', format('probe %s', p_probe_id), 'probe_id', 'is an admission', 'probe_known',
+                        'Use wait_for_admission.');
+    END IF;
+    IF NOT _await_answer(p_probe_id, p_timeout, 'probe') THEN
+        RAISE NOTICE 'probe %: the scene was not current: changes of attached tables may be missing', p_probe_id;
+    END IF;
+    SELECT p.answer ->> 'beyond' INTO v_beyond FROM probe_request p WHERE p.probe_id = p_probe_id;
+    IF v_beyond <> '' THEN
+        RAISE NOTICE 'probe %: %: the answer may not be complete', p_probe_id, v_beyond
+            USING HINT = 'The view scenes says expanded_from and expanded_until.';
+    END IF;
+    RETURN QUERY
+        SELECT r.plan_key, r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods,
+               lower(r.periods), upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m,
+               r.closest_error_m, r.lacking_s, r.certainty
+        FROM probe_reply r WHERE r.probe_id = p_probe_id
+        ORDER BY lower(r.periods) NULLS FIRST, r.plan_key, r.key;
+END
+$$;
+COMMENT ON FUNCTION wait_for_plans_probe(bigint, interval) IS
+'As wait_for_probe, for a request about several plans. plan_key: the plan; of two plans that conflict, the first, and '
+'key is the second.';
 
 CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
 RETURNS TABLE (
@@ -283,20 +584,10 @@ RETURNS TABLE (
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    IF EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL) THEN
-        FOUND := _raise('ZC011', format('probe %s', p_probe_id), 'probe_id', 'is an admission', 'probe_known',
-                        'Use wait_for_admission.');
-    END IF;
-    IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
-        RAISE NOTICE 'probe %: the scene was not current: changes of attached tables may be missing', p_probe_id;
-    END IF;
-    PERFORM _warn_if_beyond_horizon(s.name, CASE p.object_kind WHEN 0 THEN p.active_span ELSE _at_sea(p.path, NULL) END)
-        FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
     RETURN QUERY
-        SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
-               upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m, r.closest_error_m,
-               r.lacking_s, r.certainty
-        FROM probe_reply r WHERE r.probe_id = p_probe_id ORDER BY lower(r.periods) NULLS FIRST, r.key;
+        SELECT w.key, w.kind, w.verdict, w.periods, w.first_contact, w.last_contact, w.time_error_s,
+               w.first_contact_point, w.closest_at, w.closest_m, w.closest_error_m, w.lacking_s, w.certainty
+        FROM wait_for_plans_probe(p_probe_id, p_timeout) w;
 END
 $$;
 COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
@@ -306,78 +597,34 @@ COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
 
 -- For Python.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._request_probe(
-    p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea,
-    p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision
-) RETURNS bigint
-LANGUAGE sql VOLATILE CALLED ON NULL INPUT
+CREATE OR REPLACE FUNCTION conflictdb_internal._request_probe(p_scene text, p_plans json) RETURNS bigint
+LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
-    SELECT CASE p_kind
-        WHEN 0 THEN request_probe(p_scene, ST_GeomFromWKB(p_footprint, 4326),
-                                  tstzrange(_instant_of(p_start_us), _instant_of(p_end_us)), p_floor_m, p_ceiling_m,
-                                  p_key)
-        ELSE request_track_probe(p_scene, ST_GeomFromWKB(p_path, 4326), ST_GeomFromWKB(p_outline), p_floor_m,
-                                 p_ceiling_m, p_grow_mps, p_key) END;
+    SELECT _request(_scene_id(p_scene), 'probe', p_plans);
 END;
-COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, bytea, bytea, double precision,
-                                   double precision, double precision) IS
-'request_probe (kind 0) or request_track_probe (kind 1): geometries as WKB, instants in microseconds since 1970.';
+COMMENT ON FUNCTION _request_probe(text, json) IS 'As request_plans_probe, with all digits.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probe(p_probe_id bigint, p_timeout interval)
 RETURNS TABLE (
-    key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
-    lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision, certainty text
+    plan_key text, kind smallint, key text, name text, verdict text, periods bytea, time_error_s double precision,
+    first_contact_lon_deg double precision, first_contact_lat_deg double precision, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
+    closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
+    lacking_s double precision, certainty text
 )
-LANGUAGE sql VOLATILE
-BEGIN ATOMIC
-    SELECT w.key, coalesce(a.name, t.name), w.kind, w.verdict, multirange_send(w.periods), w.time_error_s,
-           ST_X(w.first_contact_point), ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m,
-           w.lacking_s, w.certainty
-    FROM wait_for_probe(p_probe_id, p_timeout) w
-    LEFT JOIN probe_request p ON p.probe_id = p_probe_id
-    LEFT JOIN area a ON w.kind = 'area' AND a.scene_id = p.scene_id AND a.key = w.key
-    LEFT JOIN track t ON w.kind = 'track' AND t.scene_id = p.scene_id AND t.key = w.key;
-END;
-COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
-'As wait_for_probe, with the names of the objects and with periods in binary.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._request_probes(
-    p_scene text, p_keys text[], p_kinds integer[], p_footprints bytea[], p_starts_us bigint[], p_ends_us bigint[],
-    p_paths bytea[], p_outlines bytea[], p_floors_m double precision[], p_ceilings_m double precision[],
-    p_grow_mps double precision[]
-) RETURNS bigint[]
-LANGUAGE sql VOLATILE STRICT
-BEGIN ATOMIC
-    SELECT array_agg(_request_probe(p_scene, u.key, u.kind, u.footprint, u.start_us, u.end_us, u.path, u.outline,
-                                    u.floor_m, u.ceiling_m, u.grow_mps) ORDER BY u.n)
-    FROM unnest(p_keys, p_kinds, p_footprints, p_starts_us, p_ends_us, p_paths, p_outlines, p_floors_m, p_ceilings_m,
-                p_grow_mps) WITH ORDINALITY
-         u (key, kind, footprint, start_us, end_us, path, outline, floor_m, ceiling_m, grow_mps, n);
-END;
-COMMENT ON FUNCTION _request_probes(text, text[], integer[], bytea[], bigint[], bigint[], bytea[], bytea[],
-                                    double precision[], double precision[], double precision[]) IS
-'Requests as _request_probe for several plans; returns their ids.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probes(p_probe_ids bigint[], p_timeout interval)
-RETURNS TABLE (
-    n bigint, key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
-    lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision, certainty text
-)
-LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
-DECLARE
-    v_until timestamptz := clock_timestamp() + p_timeout;
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    FOR v_number IN 1 .. cardinality(p_probe_ids) LOOP
-        RETURN QUERY
-            SELECT v_number - 1::bigint, w.*
-            FROM _wait_for_probe(p_probe_ids[v_number], greatest(v_until - clock_timestamp(), interval '1 ms')) w;
-    END LOOP;
+    PERFORM _await_answer(p_probe_id, p_timeout, 'probe');
+    RETURN QUERY
+        SELECT r.plan_key, r.object_kind, r.key, r.name, r.verdict, multirange_send(r.periods), r.time_error_s,
+               ST_X(r.first_contact_point), ST_Y(r.first_contact_point), r.closest_at, r.closest_m, r.closest_error_m,
+               ST_X(r.closest_a_point), ST_Y(r.closest_a_point), ST_X(r.closest_b_point), ST_Y(r.closest_b_point),
+               r.lacking_s, r.certainty
+        FROM probe_reply r WHERE r.probe_id = p_probe_id;
 END
 $$;
-COMMENT ON FUNCTION _wait_for_probes(bigint[], interval) IS
-'As _wait_for_probe, for several requests within one timeout; n: place of the request, from 0.';
+COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
+'As wait_for_plans_probe, without notices, with the names of the objects and with periods in binary.';
 
 -- For workers.
 
@@ -399,20 +646,31 @@ COMMENT ON FUNCTION _next_probe(bigint[]) IS
 'The next request that no other session works on, without some, locked until the transaction ends; no row if there is '
 'none.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
-    p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
-    OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text
+CREATE OR REPLACE FUNCTION conflictdb_internal._requested(
+    p_probe_id bigint, OUT kind text, OUT scene text, OUT plans text, OUT options jsonb,
+    OUT max_speed_kn double precision
 )
-LANGUAGE sql STABLE STRICT
-BEGIN ATOMIC
-    SELECT p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
-           (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
-           (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
-           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m, extract(epoch FROM p.horizon), s.name
-    FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
-END;
-COMMENT ON FUNCTION _probe_request(bigint) IS 'A request: geometries as WKB, instants in microseconds since 1970.';
+LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_request record;
+BEGIN
+    SELECT p.kind, s.name AS scene, p.plans, p.options, p.asked_by, p.scene_id INTO v_request
+        FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
+    IF v_request.kind = 'admit' AND NOT _may_admit(v_request.asked_by, v_request.scene_id) THEN
+        FOUND := _raise('ZC016', format('request %s', p_probe_id), 'asked_by',
+                        format('is role %I, which may not change scene %L', v_request.asked_by, v_request.scene),
+                        'admission_permitted');
+    END IF;
+    kind := v_request.kind;
+    scene := v_request.scene;
+    plans := v_request.plans::text;
+    options := v_request.options;
+    max_speed_kn := CASE v_request.kind WHEN 'admit' THEN _limit('max_speed_kn') ELSE 'infinity' END;
+END
+$$;
+COMMENT ON FUNCTION _requested(bigint) IS
+'A request: its plans as the text of a scene file without scene, null for delays. max_speed_kn: of tracks, at most. '
+'Raises ZC016 for an admission if the role that asked may not change the scene any more.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._probe_failed(p_probe_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
@@ -426,31 +684,40 @@ END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
 'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(
-    p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb
+CREATE OR REPLACE FUNCTION conflictdb_internal._answer_request(
+    p_probe_id bigint, p_error text, p_found jsonb, p_answer jsonb
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
-                             closest_at, closest_m, closest_error_m, lacking_s, certainty)
-        SELECT p_probe_id, f.kind, f.key, f.verdict,
+    INSERT INTO probe_reply (probe_id, plan_key, object_kind, key, name, verdict, periods, time_error_s,
+                             first_contact_point, closest_at, closest_m, closest_error_m, closest_a_point,
+                             closest_b_point, lacking_s, certainty)
+        SELECT p_probe_id, f.plan_key, f.kind, f.key, f.name, f.verdict,
                (SELECT coalesce(range_agg(tstzrange((d ->> 0)::timestamptz, (d ->> 1)::timestamptz, '[]')),
                                 '{}') FROM jsonb_array_elements(f.periods) d),
-               f.time_error_s, ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326), f.closest_at, f.closest_m,
-               f.closest_error_m, f.lacking_s, f.certainty
+               f.time_error_s, _point_of(f.first_contact_point), f.closest_at, f.closest_m, f.closest_error_m,
+               _point_of(f.closest_a_point), _point_of(f.closest_b_point), f.lacking_s, f.certainty
         FROM jsonb_to_recordset(p_found) f (
-            kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
-            lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-            closest_error_m double precision, lacking_s double precision, certainty text);
+            plan_key text, kind smallint, key text, name text, verdict text, periods jsonb,
+            time_error_s double precision, first_contact_point double precision[], closest_at timestamptz,
+            closest_m double precision, closest_error_m double precision, closest_a_point double precision[],
+            closest_b_point double precision[], lacking_s double precision, certainty text);
     UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error,
-                               delays = p_delays
+                               answer = p_answer
         WHERE p.probe_id = p_probe_id;
     PERFORM _prune_probes();
 END
 $$;
-COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb, jsonb) IS
-'Writes the reply to a request: the objects found, delays, or the reason why there is none; deletes requests older '
-'than an hour.';
+COMMENT ON FUNCTION _answer_request(bigint, text, jsonb, jsonb) IS
+'Writes the reply to a request: conflicts of a probe, with the columns of conflicts; the answer to other kinds; or the '
+'reason why there is none. Deletes requests older than an hour.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._point_of(p_degrees double precision[]) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_SetSRID(ST_MakePoint(p_degrees[1], p_degrees[2]), 4326);
+END;
+COMMENT ON FUNCTION _point_of(double precision[]) IS 'The point at a longitude and latitude.';
 
 -- Visible to the role that asked, while it may read the scene, and to workers.
 ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
@@ -468,27 +735,21 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'Requests to the workers: about a plan (request_probe, request_track_probe), the departures of a track '
-'(request_delays), or to admit plans (admit). Visible to the role that asked and to workers; deleted after an hour.';
+'Requests to the workers: which conflicts plans would have (request_probe, request_track_probe, request_plans_probe), '
+'the departures of a track (request_delays), or to admit plans (admit). Visible to the role that asked and to workers; '
+'deleted after an hour.';
 COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
 COMMENT ON COLUMN probe_request.asked_at IS 'Start of its transaction.';
-COMMENT ON COLUMN probe_request.object_kind IS 'Kind of the plan: 0 area, 1 track.';
-COMMENT ON COLUMN probe_request.key IS
-'Object that the plan would replace, which is ignored; null: none. With a horizon: the track.';
-COMMENT ON COLUMN probe_request.footprint IS 'Area: longitude and latitude, degrees; null for a track.';
-COMMENT ON COLUMN probe_request.active_span IS
-'Area: when it is active, [start, end). Delays: begins with p_now of request_delays. Null for other tracks.';
-COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; null for an area.';
-COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard and ahead; null for an area.';
-COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';
-COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above the vertical datum, inclusive; null: no limit.';
-COMMENT ON COLUMN probe_request.ceiling_m IS
-'Highest height, metres above the vertical datum, exclusive; null: no limit.';
-COMMENT ON COLUMN probe_request.horizon IS 'Delays: up to how much later or earlier; null for a probe.';
-COMMENT ON COLUMN probe_request.delays IS
-'Delays: the reply, as `conflictdb delays --format json` prints it; null for a probe, or while it waits.';
+COMMENT ON COLUMN probe_request.kind IS 'probe, delays or admit.';
+COMMENT ON COLUMN probe_request.plans IS
+'The plans, as a scene file without scene: a GeoJSON FeatureCollection, version 1; null for delays.';
+COMMENT ON COLUMN probe_request.options IS
+'Delays: key, horizon_s and now_us (microseconds since 1970). Admission: owner, allow_known and replace.';
+COMMENT ON COLUMN probe_request.answer IS
+'The reply. Delays: as `conflictdb delays --format json` prints it. Admission: admitted and conflicts. Probe: beyond, '
+'why schedules may be missing; its conflicts are in probe_reply. Null while it waits.';
 COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether the scene was current at that time; null while it waits.';
@@ -496,8 +757,10 @@ COMMENT ON COLUMN probe_request.failures IS 'Number of failed attempts; the thir
 COMMENT ON COLUMN probe_request.error IS 'Why there is no reply; null if there is one, or while it waits.';
 
 COMMENT ON TABLE probe_reply IS
-'Replies to probes: one row per object that the plan would conflict with or come near.';
+'Replies to probes: one row per plan and object that it would conflict with or come near.';
 COMMENT ON COLUMN probe_reply.probe_id IS 'Request.';
+COMMENT ON COLUMN probe_reply.plan_key IS 'Key of the plan.';
+COMMENT ON COLUMN probe_reply.name IS 'Name of the object.';
 COMMENT ON COLUMN probe_reply.object_kind IS 'Kind of the object: 0 area, 1 track.';
 COMMENT ON COLUMN probe_reply.key IS 'Key of the object.';
 COMMENT ON COLUMN probe_reply.verdict IS

@@ -54,14 +54,11 @@ CREATE OR REPLACE FUNCTION request_delays(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
-    v_probe_id bigint;
 BEGIN
     PERFORM _check_delays_request(v_scene_id, p_key, p_horizon, p_now);
-    PERFORM _prune_probes();
-    INSERT INTO probe_request (scene_id, object_kind, key, horizon, active_span)
-        VALUES (v_scene_id, 1, p_key, p_horizon, tstzrange(p_now, NULL)) RETURNING probe_id INTO v_probe_id;
-    PERFORM _wake_workers();
-    RETURN v_probe_id;
+    RETURN _request(v_scene_id, 'delays', NULL, jsonb_build_object(
+        'key', p_key, 'horizon_s', extract(epoch FROM p_horizon),
+        'now_us', (extract(epoch FROM p_now) * 1000000)::bigint));
 END
 $$;
 COMMENT ON FUNCTION request_delays(text, text, interval, timestamptz) IS
@@ -78,8 +75,8 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_delays jsonb;
 BEGIN
-    PERFORM _await_answer(p_probe_id, p_timeout, true);
-    SELECT p.delays INTO v_delays FROM probe_request p WHERE p.probe_id = p_probe_id;
+    PERFORM _await_answer(p_probe_id, p_timeout, 'delays');
+    SELECT p.answer INTO v_delays FROM probe_request p WHERE p.probe_id = p_probe_id;
     SELECT v_delays ->> 'key', (v_delays ->> 'least_later_s')::double precision,
            (v_delays ->> 'least_earlier_s')::double precision,
            ARRAY(SELECT jsonb_array_elements_text(v_delays -> 'blocked_by')), v_delays -> 'forbidden',

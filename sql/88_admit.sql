@@ -283,6 +283,192 @@ COMMENT ON FUNCTION _check_replaced(bigint, jsonb, text, text[]) IS
 'Raises ZC007 for a plan with the key of a stored object that it may not replace: of another owner, or neither of '
 'p_owner nor in p_replace.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_features(p_plans jsonb) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(p_plans ->> 'type' = 'FeatureCollection'
+                    OR jsonb_typeof(p_plans) = 'array' AND jsonb_path_exists(p_plans, '$[*] ? (exists (@.type))'),
+                    false);
+END;
+COMMENT ON FUNCTION _are_features(jsonb) IS
+'Whether plans are GeoJSON features; else they are objects with the parameters of put_area and put_track.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._owned_features(p_plans jsonb, p_owner text) RETURNS jsonb
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_owner IS NULL THEN p_plans
+                ELSE p_plans || jsonb_build_object('features', (
+                         SELECT jsonb_agg(CASE WHEN jsonb_typeof(f -> 'properties') = 'object'
+                                               THEN f || jsonb_build_object('properties', f -> 'properties' || o.owner)
+                                               WHEN coalesce(f -> 'properties', 'null') = 'null'
+                                               THEN f || jsonb_build_object('properties', o.owner) ELSE f END
+                                          ORDER BY n)
+                         FROM jsonb_array_elements(p_plans -> 'features') WITH ORDINALITY u (f, n)
+                         CROSS JOIN jsonb_build_object('owner', p_owner) o (owner))) END;
+END;
+COMMENT ON FUNCTION _owned_features(jsonb, text) IS
+'A FeatureCollection whose features have an owner; null: their own.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._as_parameters(p_feature jsonb, p_foreign jsonb) RETURNS jsonb
+LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_tolerances CONSTANT text[] := ARRAY['xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn',
+                                          'turn_radius_m', 'departure_window', 'arrival_window'];
+    v_geometry jsonb := p_feature -> 'geometry';
+    v_type text := v_geometry ->> 'type';
+    v_is_area boolean := v_type IN ('Polygon', 'MultiPolygon');
+    v_given jsonb := coalesce(nullif(p_feature -> 'properties', 'null'), '{}');
+    v_known jsonb;
+    v_rest jsonb;
+    v_outline text[];
+    v_plan jsonb;
+BEGIN
+    IF (v_is_area OR v_type = 'LineString') IS NOT TRUE OR jsonb_typeof(v_given) <> 'object'
+       OR p_feature - ARRAY['type', 'id', 'geometry', 'properties'] <> '{}'
+       OR v_geometry - ARRAY['type', 'coordinates'] <> '{}' THEN
+        RETURN NULL;
+    END IF;
+    SELECT coalesce(jsonb_object_agg(e.key, e.value) FILTER (WHERE NOT m.is_rest AND e.value <> 'null'), '{}'),
+           coalesce(jsonb_object_agg(e.key, e.value) FILTER (WHERE m.is_rest), '{}')
+        INTO v_known, v_rest
+        FROM jsonb_each(v_given) e
+        CROSS JOIN LATERAL (SELECT e.key = 'vertical_datum'
+                                   OR coalesce(p_foreign ? e.key, false) AND e.key <> ALL (_members_of_plans())
+                                   AS is_rest) m;
+    IF EXISTS (SELECT FROM jsonb_each(v_known) e
+               LEFT JOIN (VALUES ('kind', 'string', NULL), ('name', 'string', NULL), ('class', 'string', NULL),
+                                 ('owner', 'string', NULL), ('floor_m', 'number', NULL), ('ceiling_m', 'number', NULL),
+                                 ('start', 'string', true), ('end', 'string', true), ('spans', 'array', true),
+                                 ('times', 'array', false), ('outline_m', 'array', false), ('fore_m', 'number', false),
+                                 ('aft_m', 'number', false), ('port_m', 'number', false),
+                                 ('starboard_m', 'number', false), ('departures', 'array', false),
+                                 ('grow_mps', 'number', false)) m (name, type, is_area) ON m.name = e.key
+               WHERE (jsonb_typeof(e.value) = m.type AND coalesce(m.is_area, v_is_area) = v_is_area
+                      OR NOT v_is_area AND (e.key = ANY (c_tolerances) OR e.key IN ('floor_m', 'ceiling_m')
+                                                                          AND jsonb_typeof(e.value) = 'array'))
+                     IS NOT TRUE)
+       OR coalesce(v_known ->> 'kind' <> CASE WHEN v_is_area THEN 'area' ELSE 'track' END, false) THEN
+        RETURN NULL;
+    END IF;
+    v_plan := jsonb_build_object('key', p_feature -> 'id', 'properties', v_rest)
+              || (v_known - ARRAY['kind', 'start', 'end', 'spans', 'times', 'outline_m', 'fore_m', 'aft_m', 'port_m',
+                                  'starboard_m'] - c_tolerances);
+    IF v_is_area THEN
+        IF v_known ? 'spans' THEN
+            IF v_known ?| ARRAY['start', 'end'] OR jsonb_path_exists(v_known, 'strict $.spans[*] ? (@.type() <> "array"
+                    || @.size() <> 2 || exists (@[*] ? (@.type() <> "string" && @.type() <> "null")))') THEN
+                RETURN NULL;
+            END IF;
+            v_plan := v_plan || jsonb_build_object('activations', (
+                SELECT '{' || coalesce(string_agg(format('[%s,%s)', s ->> 0, s ->> 1), ',' ORDER BY n), '') || '}'
+                FROM jsonb_array_elements(v_known -> 'spans') WITH ORDINALITY u (s, n)));
+        ELSIF v_known ?| ARRAY['start', 'end'] THEN
+            v_plan := v_plan || jsonb_build_object('active_span',
+                                                   format('[%s,%s)', v_known ->> 'start', v_known ->> 'end'));
+        END IF;
+        RETURN v_plan || jsonb_build_object('footprint', v_geometry);
+    END IF;
+    -- Altitudes are ignored.
+    IF NOT v_known ? 'times' OR jsonb_path_exists(v_geometry, 'strict $.coordinates[*] ? (@.size() <> 2)') THEN
+        RETURN NULL;
+    END IF;
+    IF v_known ?& ARRAY['fore_m', 'aft_m', 'port_m', 'starboard_m'] AND NOT v_known ? 'outline_m'
+       AND least((v_known ->> 'fore_m')::numeric, (v_known ->> 'aft_m')::numeric, (v_known ->> 'port_m')::numeric,
+                 (v_known ->> 'starboard_m')::numeric) >= 0 THEN
+        v_plan := v_plan || jsonb_build_object('outline', encode(ST_AsBinary(rectangle_outline(
+            (v_known ->> 'fore_m')::double precision, (v_known ->> 'aft_m')::double precision,
+            (v_known ->> 'port_m')::double precision, (v_known ->> 'starboard_m')::double precision)), 'hex'));
+    ELSIF v_known ? 'outline_m' AND NOT v_known ?| ARRAY['fore_m', 'aft_m', 'port_m', 'starboard_m']
+          AND NOT jsonb_path_exists(v_known, 'strict $.outline_m[*] ? (@.type() <> "array" || @.size() <> 2
+                                              || exists (@[*] ? (@.type() <> "number")))') THEN
+        v_outline := ARRAY(SELECT (p ->> 0) || ' ' || (p ->> 1)
+                           FROM jsonb_array_elements(v_known -> 'outline_m') WITH ORDINALITY u (p, n) ORDER BY n);
+        IF cardinality(v_outline) > 1 AND v_outline[1] = v_outline[cardinality(v_outline)] THEN
+            v_outline := trim_array(v_outline, 1);
+        END IF;
+        IF cardinality(v_outline) = 0 THEN
+            RETURN NULL;
+        END IF;
+        -- A ring has at least four points.
+        WHILE cardinality(v_outline) < 3 LOOP
+            v_outline := v_outline || v_outline[cardinality(v_outline)];
+        END LOOP;
+        v_plan := v_plan || jsonb_build_object('outline', format('POLYGON((%s,%s))', array_to_string(v_outline, ','),
+                                                                 v_outline[1]));
+    ELSE
+        RETURN NULL;
+    END IF;
+    IF v_known ?| c_tolerances THEN
+        v_plan := v_plan || jsonb_build_object('tolerances', (
+            SELECT jsonb_object_agg(e.key, e.value) FROM jsonb_each(v_known) e WHERE e.key = ANY (c_tolerances)));
+    END IF;
+    IF jsonb_typeof(v_known -> 'floor_m') = 'array' THEN
+        v_plan := v_plan - 'floor_m' || jsonb_build_object('floors_m', v_known -> 'floor_m');
+    END IF;
+    IF jsonb_typeof(v_known -> 'ceiling_m') = 'array' THEN
+        v_plan := v_plan - 'ceiling_m' || jsonb_build_object('ceilings_m', v_known -> 'ceiling_m');
+    END IF;
+    RETURN v_plan || jsonb_build_object('path', v_geometry, 'times', v_known -> 'times');
+END
+$$;
+COMMENT ON FUNCTION _as_parameters(jsonb, jsonb) IS
+'A feature of a scene file as parameters of put_area or put_track (_plans_of); null if it has members that only '
+'workers read. p_foreign: names of properties without a meaning.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._features_of(p_scene_id bigint, p_plans jsonb) RETURNS jsonb
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_is_closed boolean := _is_closed(p_scene_id);
+    v_plan record;
+    v_area area;
+    v_track track;
+    v_features jsonb[] := '{}';
+    v_foreign text[] := '{}';
+BEGIN
+    FOR v_plan IN SELECT p.* FROM _plans_of(p_plans) p LOOP
+        IF jsonb_typeof(v_plan.properties) = 'object' THEN
+            v_foreign := v_foreign || ARRAY(SELECT jsonb_object_keys(v_plan.properties));
+        END IF;
+        IF v_plan.footprint IS NOT NULL THEN
+            v_area := NULL;
+            v_area.key := v_plan.key;
+            v_area.name := v_plan.name;
+            v_area.footprint := ST_Multi(ST_Force2D(v_plan.footprint));
+            v_area.active_span := _half_open(v_plan.active_span, v_is_closed);
+            v_area.activations := _half_open(v_plan.activations, v_is_closed);
+            v_area.floor_m := v_plan.floor_m;
+            v_area.ceiling_m := v_plan.ceiling_m;
+            v_area.properties := v_plan.properties;
+            v_area.class := v_plan.class;
+            v_area.owner := v_plan.owner;
+            v_features := v_features || _feature(v_area);
+        ELSE
+            v_track := NULL;
+            v_track.key := v_plan.key;
+            v_track.name := v_plan.name;
+            v_track.path := v_plan.path;
+            v_track.outline := v_plan.outline;
+            v_track.outlines := v_plan.outlines;
+            v_track.floor_m := v_plan.floor_m;
+            v_track.ceiling_m := v_plan.ceiling_m;
+            v_track.floors_m := v_plan.floors_m;
+            v_track.ceilings_m := v_plan.ceilings_m;
+            v_track.grow_mps := coalesce(v_plan.grow_mps, 0);
+            v_track.properties := v_plan.properties;
+            v_track.class := v_plan.class;
+            v_track.owner := v_plan.owner;
+            v_track.departures := v_plan.departures;
+            v_track.tolerances := nullif(v_plan.tolerances, 'null');
+            v_features := v_features || _feature(v_track);
+        END IF;
+    END LOOP;
+    RETURN jsonb_build_object('type', 'FeatureCollection', 'version', 1, 'features', to_jsonb(v_features))
+           || CASE WHEN v_foreign = '{}' THEN '{}' ELSE jsonb_build_object('foreign', to_jsonb(v_foreign)) END;
+END
+$$;
+COMMENT ON FUNCTION _features_of(bigint, jsonb) IS
+'Plans with the parameters of put_area and put_track (_plans_of) as a FeatureCollection.';
+
 CREATE OR REPLACE FUNCTION admit(
     p_scene text, p_plans jsonb, p_owner text DEFAULT NULL, p_allow_known boolean DEFAULT false,
     p_replace text[] DEFAULT '{}', OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint
@@ -295,18 +481,40 @@ DECLARE
     v_scene_id bigint;
     v_keys text[];
     v_replaced text[];
+    v_features jsonb;
+    v_owners jsonb;
     v_plans jsonb;
-    v_are_known boolean;
+    v_are_known boolean := false;
 BEGIN
     v_scene_id := (_begin_admission(p_scene, NULL)).scene_id;
-    PERFORM _check_plans(p_plans);
     PERFORM _check_word('plans', 'owner', p_owner);
-    SELECT jsonb_agg(CASE WHEN p_owner IS NULL THEN g ELSE g || jsonb_build_object('owner', p_owner) END ORDER BY n),
-           array_agg(g ->> 'key')
-        INTO v_plans, v_keys FROM jsonb_array_elements(p_plans) WITH ORDINALITY p (g, n);
-    PERFORM _check_replaced(v_scene_id, v_plans, p_owner, p_replace);
+    IF _are_features(p_plans) THEN
+        v_features := _owned_features(_plans_given(p_plans), p_owner);
+        SELECT jsonb_agg(_as_parameters(f, v_features -> 'foreign') ORDER BY n),
+               jsonb_agg(jsonb_build_object('key', f -> 'id', 'owner', f #> '{properties,owner}')),
+               array_agg(f ->> 'id')
+            INTO v_plans, v_owners, v_keys
+            FROM jsonb_array_elements(v_features -> 'features') WITH ORDINALITY u (f, n);
+    ELSE
+        PERFORM _check_plans(p_plans);
+        RAISE NOTICE 'plans: the members footprint, path, active_span and others are read until the next release'
+            USING HINT = 'Give features as in scene files, with "version": 1.';
+        SELECT jsonb_agg(CASE WHEN p_owner IS NULL THEN g ELSE g || jsonb_build_object('owner', p_owner) END
+                         ORDER BY n), array_agg(g ->> 'key')
+            INTO v_plans, v_keys FROM jsonb_array_elements(p_plans) WITH ORDINALITY p (g, n);
+        v_owners := v_plans;
+    END IF;
+    PERFORM _check_replaced(v_scene_id, v_owners, p_owner, p_replace);
     SELECT coalesce(array_agg(r.key), '{}') INTO v_replaced FROM _replaced_objects(v_scene_id, v_keys, p_owner) r;
+    admitted := false;
+    -- Workers read plans with other members than the most usual ones.
+    IF v_plans @> 'null' THEN
+        v_plans := NULL;
+    END IF;
     BEGIN
+        IF v_plans IS NULL THEN
+            RAISE EXCEPTION USING ERRCODE = c_refused;
+        END IF;
         -- Put first, so that rows are checked and compared as they are stored. An object that stays of its kind is
         -- updated in place.
         PERFORM _put_plans(p_scene, ARRAY(
@@ -334,21 +542,19 @@ BEGIN
     IF NOT admitted AND (NOT v_are_known OR p_allow_known AND cardinality(v_replaced) > 0) THEN
         admitted := NULL;
         conflicts := '[]';
-        PERFORM _prune_probes();
-        INSERT INTO probe_request AS q (scene_id, object_kind, plans, owner, allow_known, replace)
-            VALUES (v_scene_id, 0, v_plans, p_owner, p_allow_known, coalesce(p_replace, '{}'))
-            RETURNING q.probe_id INTO request_id;
-        PERFORM _wake_workers();
+        request_id := _request(
+            v_scene_id, 'admit', coalesce(v_features, _features_of(v_scene_id, v_plans))::json,
+            jsonb_build_object('owner', p_owner, 'allow_known', p_allow_known, 'replace', coalesce(p_replace, '{}')));
     END IF;
 END
 $$;
 COMMENT ON FUNCTION admit(text, jsonb, text, boolean, text[]) IS
 'Puts plans into a scene only if they conflict with nobody, detected or not; admissions of a scene take turns until '
-'their transactions end. p_plans: a JSON array of objects with the parameters of put_area (a footprint) or put_track '
-'(a path, and times if it is a plain line) by their names; geometries as GeoJSON or text. p_owner: the plans belong to '
-'it, take the place of all that it has, and are not compared with each other. p_replace: keys of other stored objects '
-'that plans of the same key may replace (else ZC007). p_allow_known: as in Python. admitted: whether they were put; '
-'null: stages 3 and 4 must decide. Then commit, and call wait_for_admission(request_id): a worker admits them. '
+'their transactions end. p_plans: a JSON array of GeoJSON features as in scene files, each with "version": 1, or a '
+'FeatureCollection of them. p_owner: the plans belong to it, take the place of all that it has, and are not compared '
+'with each other. p_replace: keys of other stored objects that plans of the same key may replace (else ZC007). '
+'p_allow_known: as in Python. admitted: whether they were put; null: stages 3 and 4 must decide. Then commit, and '
+'call wait_for_admission(request_id): a worker admits them. '
 'conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_as_json(
@@ -371,12 +577,12 @@ CREATE OR REPLACE FUNCTION wait_for_admission(
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    IF NOT EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_request_id AND p.plans IS NOT NULL) THEN
+    IF NOT EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_request_id AND p.kind = 'admit') THEN
         FOUND := _raise('ZC011', format('request %s', coalesce(p_request_id::text, 'null')), 'request_id',
                         'is not an admission of this role within the last hour', 'admission_known');
     END IF;
-    PERFORM _await_answer(p_request_id, p_timeout, false);
-    SELECT (p.admission ->> 'admitted')::boolean, p.admission -> 'conflicts' INTO admitted, conflicts
+    PERFORM _await_answer(p_request_id, p_timeout, 'admit');
+    SELECT (p.answer ->> 'admitted')::boolean, p.answer -> 'conflicts' INTO admitted, conflicts
         FROM probe_request p WHERE p.probe_id = p_request_id;
 END
 $$;
@@ -404,54 +610,3 @@ BEGIN ATOMIC
                             AND (h.role = 'public' OR pg_has_role(r.oid, o.oid, 'USAGE')))));
 END;
 COMMENT ON FUNCTION _may_admit(name, bigint) IS 'Whether a role may change a scene, at this time.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._requested_admission(p_probe_id bigint)
-RETURNS TABLE (owner text, allow_known boolean, replace text[])
-LANGUAGE sql STABLE STRICT
-BEGIN ATOMIC
-    SELECT p.owner, p.allow_known, p.replace FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL;
-END;
-COMMENT ON FUNCTION _requested_admission(bigint) IS 
-'Owner and options of a request of the function admit; no row for others.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._put_requested(p_probe_id bigint) RETURNS text[]
-LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
-DECLARE
-    v_request record;
-    v_keys text[];
-BEGIN
-    SELECT p.asked_by, p.scene_id, s.name AS scene, p.plans INTO v_request
-        FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
-    IF NOT _may_admit(v_request.asked_by, v_request.scene_id) THEN
-        FOUND := _raise('ZC016', format('request %s', p_probe_id), 'asked_by',
-                        format('is role %I, which may not change scene %L', v_request.asked_by, v_request.scene),
-                        'admission_permitted');
-    END IF;
-    v_keys := ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(v_request.plans) g);
-    PERFORM _put_plans(v_request.scene, v_keys, v_request.plans, false);
-    RETURN v_keys;
-END
-$$;
-COMMENT ON FUNCTION _put_requested(bigint) IS
-'Puts the plans of a request, to be read as they are stored and then rolled back; returns their keys. Raises ZC016 if '
-'the role that asked may not change the scene any more.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._answer_admission(p_probe_id bigint, p_admission jsonb) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
-BEGIN
-    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = true, admission = p_admission
-        WHERE p.probe_id = p_probe_id;
-    PERFORM _prune_probes();
-END
-$$;
-COMMENT ON FUNCTION _answer_admission(bigint, jsonb) IS
-'Writes the reply to a request of the function admit, in the transaction that put the plans.';
-
-COMMENT ON COLUMN probe_request.plans IS 'Admission: the plans, as in the function admit; null for other requests.';
-COMMENT ON COLUMN probe_request.owner IS 'Admission: the owner of the plans; null: none, or no admission.';
-COMMENT ON COLUMN probe_request.allow_known IS
-'Admission: whether conflicts are allowed that the objects in the place of the plans had before.';
-COMMENT ON COLUMN probe_request.replace IS
-'Admission: keys of stored objects that plans of the same key may replace; null for other requests.';
-COMMENT ON COLUMN probe_request.admission IS
-'Admission: the reply, admitted and conflicts; null for other requests, or while it waits.';

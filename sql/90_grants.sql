@@ -38,8 +38,8 @@ $$;
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
 -- Readers may ask workers; only the asking role and workers see what (79_probes.sql).
-GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, request_delays, wait_for_delays,
-    _await_answer, _prune_probes, _notify, _wake_workers TO conflictdb_reader;
+GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, request_plans_probe, wait_for_probe,
+    wait_for_plans_probe, request_delays, wait_for_delays, _request, _request_probe, _wait_for_probe, _await_answer, _prune_probes, _notify, _wake_workers TO conflictdb_reader;
 
 -- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.db.schema.missing_grants
 -- reports that. In an extension script the grant would make all grants on that schema part of the extension, which

@@ -1,8 +1,11 @@
 """`probe`."""
 
 import argparse
+import math
 import os
 from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +30,8 @@ from conflictdb.model.results import Conflict, SceneState, Verdict
 if TYPE_CHECKING:
     import shapely
 
+    from conflictdb.session.stored_scene import StoredScene
+
 _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
 
@@ -43,6 +48,8 @@ def probe(args: argparse.Namespace) -> int:
             (args.path is None and args.haven is not None, "--haven is for --path"),
             (args.footprint is None and (args.start or args.end) is not None, "--from and --to are for --footprint"),
             (is_known and args.key is not None, "--key is for --footprint and --path"),
+            (is_known and args.object_class is not None, "--class is for --footprint and --path"),
+            (is_known and args.owner is not None, "--owner is for --footprint and --path"),
             (is_known and (args.floor_m, args.ceiling_m) != (None, None), "--floor-m is for --footprint and --path"),
         ],
     )
@@ -50,6 +57,8 @@ def probe(args: argparse.Namespace) -> int:
     plans = _plans(args)
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
+        if not is_known:
+            plans = [_in_place(args, one, db.scene(args.scene)) for one in plans]
         if args.files:
             plans += _of_files(args, db.scene(args.scene).settings())
         plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
@@ -144,6 +153,18 @@ def _plans(args: argparse.Namespace) -> list[Area | Track]:
         path: Any = _geometry(key, "path", args.path, ("LineString",))
         plans.append(Track(key, path, args.times, rectangle_outline_m(**args.haven or _POINT), **heights))
     return plans
+
+
+def _in_place(args: argparse.Namespace, plan: Area | Track, scene: "StoredScene") -> Area | Track:
+    """Return a plan with its class and owner: as options say, else those of the object with its key."""
+    object_class, owner = args.object_class, args.owner
+    if args.key is not None:
+        with suppress(InvalidInput):  # no such object
+            stored = scene.delayed(args.key, timedelta())
+            object_class = stored.object_class if object_class is None else object_class
+            owner = stored.owner if owner is None else owner
+    limit: Any = {} if isinstance(plan, Area) else {"max_speed_kn": math.inf}
+    return replace(plan, object_class=object_class, owner=owner, **limit)
 
 
 def _geometry(key: str, field: str, text: str, kinds: tuple[str, ...]) -> "shapely.Geometry":

@@ -25,10 +25,10 @@ from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput, LockTimeout
+from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.in_memory.index import Members, by_kind, conflicts_between
-from conflictdb.in_memory.questions import solve
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
-from conflictdb.model.plans import Area, Scene, Track, check_datums
+from conflictdb.model.plans import LINES, Area, Scene, Track, check_datums, check_legs
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
@@ -66,38 +66,43 @@ def probe(
     """
     store.begin_snapshot(conn)
     try:
-        state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
-        number, memory = store.scene_id(conn, scene), Memory.of(memory_mb)
-        settings = store.read_settings(conn, number)
-        if len(plans) == 1 and state.is_current:
-            found = _probed(conn, number, plans[0], plans[0].key, jobs, memory)
-        else:
-            found = _probed_together(conn, number, settings, plans, [plan.key for plan in plans])
+        return _found(conn, scene, plans, jobs, Memory.of(memory_mb))
     finally:
         with store.translated():
             conn.rollback()
+
+
+def _found(
+    conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], jobs: int, memory: Memory
+) -> Listing[Conflict]:
+    """Return the conflicts of plans, on the snapshot of the open transaction."""
+    state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
+    number = store.scene_id(conn, scene)
+    if len(plans) == 1 and state.is_current:
+        found = _probed(conn, number, plans[0], plans[0].key, jobs, memory)
+    else:
+        settings = store.read_settings(conn, number)
+        found = _probed_together(conn, number, settings, plans, [plan.key for plan in plans])
     return Listing(state, found, Conflict)
 
 
 def ask(
     conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], timeout: timedelta
 ) -> Listing[Conflict]:
-    """Return the result of `probe`, computed by a worker; conflicts between the plans are computed here.
+    """Return the result of `probe`, computed by a worker.
 
-    timeout : for all plans together
-
-    Raises the errors of `probe`, InvalidInput for a plan that a question cannot express, and NotCurrent if no worker
-    answers in time.
+    Raises the errors of `probe`, and NotCurrent if no worker answers in time.
     """
     store.require_idle(conn, "a question to a worker")
     until_s = time.monotonic() + timeout.total_seconds()
     with store.transaction(conn):
         settings = store.read_settings(conn, store.scene_id(conn, scene))
         state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
-    ids = store.request_probes(conn, scene, plans)
+    check_datums(settings, plans)
+    check_legs(LINES[settings.motion], [one for one in plans if isinstance(one, Track)])
+    number = store.request_probe(conn, scene, plans_text(plans))
     left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
-    found = store.wait_for_probes(conn, settings, plans, ids, left)
-    return Listing(state, _together(settings, plans, found), Conflict)
+    return Listing(state, store.wait_for_probe(conn, settings, plans, number, left), Conflict)
 
 
 def _span(plan: Area | Track) -> TimestamptzRange:
@@ -112,27 +117,6 @@ def _span(plan: Area | Track) -> TimestamptzRange:
         ends = departs[0], departs[-1] + int(plan.times_us[-1] - plan.times_us[0])
     start, end = (None if at is None else EPOCH + at * MICROSECOND for at in ends)
     return TimestamptzRange(start, end)
-
-
-def _together(
-    settings: Scene, plans: Sequence[Area | Track], found: Sequence[Sequence[Conflict]]
-) -> Sequence[Conflict]:
-    """Return the conflicts of plans with objects that no plan replaces, and with each other.
-
-    found : conflicts of each plan with all objects of the scene but its own namesake
-    """
-    if len(plans) == 1:
-        return found[0]
-    keys = {plan.key for plan in plans}
-    rows = [
-        one
-        for plan, own in zip(plans, found, strict=True)
-        for one in own
-        if (one.b_key if one.a_key == plan.key else one.a_key) not in keys
-    ]
-    tracks, areas = ([plan for plan in plans if isinstance(plan, kind)] for kind in (Track, Area))
-    rows += solve(tracks, areas, settings)
-    return sorted(rows, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:
@@ -157,18 +141,8 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
     try:
         store.begin_snapshot(conn)
         number = store.next_probe(conn, passed_over)
-        if number is not None and (asked := store.requested_admission(conn, number[0])) is not None:
-            _admit(conn, number, *asked)
-        elif number is not None:
-            request = store.read_probe(conn, *number)
-            if request.horizon_s is None:
-                plan = store.plan_of(request)
-                found = _answered(conn, request, plan, jobs, memory)
-                store.answer_probe(conn, request, plan, found)
-            else:
-                now = certain(request.start_us)
-                (of_track,) = delays(conn, request.scene, request.key, request.horizon_s, now)
-                store.answer_delays(conn, request, of_track)
+        if number is not None:
+            _answer_request(conn, store.read_request(conn, number), jobs, memory)
         with store.translated():
             conn.commit()
     except Exception as error:  # a faulty plan must not stop the others
@@ -180,48 +154,43 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
         if number is None:
             raise
         if isinstance(error, LockTimeout):
-            passed_over.append(number[0])
+            passed_over.append(number)
             return True
         with store.transaction(conn):
             if isinstance(error, InvalidInput):
-                store.refuse_probe(conn, number[0], str(error))
+                store.refuse_probe(conn, number, str(error))
             else:
-                _log.warning("probe %d failed: %s", number[0], error)
-                store.probe_failed(conn, number[0], str(error))
+                _log.warning("request %d failed: %s", number, error)
+                store.probe_failed(conn, number, str(error))
     return number is not None
 
 
-def _admit(
-    conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | None, allow_known: bool, replaceable: list[str]
-) -> None:
-    """Admit the plans of a request, in the open transaction."""
-    probe_id, scene_id = number
-    scene = store.read_settings(conn, scene_id).name
-    plans = store.requested_plans(conn, probe_id, scene)
-    store.answer_admission(
-        conn,
-        probe_id,
-        admit(
+def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs: int, memory: Memory) -> None:
+    """Answer a request, in the open transaction."""
+    options = request.options
+    if request.kind == "delays":
+        now = certain(options["now_us"])
+        (of_track,) = delays(conn, request.scene, options["key"], options["horizon_s"], now)
+        store.answer_delays(conn, request.probe_id, of_track)
+        return
+    assert request.plans is not None  # noqa: S101
+    settings = store.read_settings(conn, store.scene_id(conn, request.scene))
+    plans = read_plans(request.plans, settings, request.max_speed_kn)
+    if request.kind == "admit":
+        admission = admit(
             conn,
-            scene,
+            request.scene,
             plans,
-            owner,
-            allow_known=allow_known,
-            replace=replaceable,
+            options["owner"],
+            allow_known=options["allow_known"],
+            replace=options["replace"],
             lock_timeout_s=_WAITS_FOR_ADMISSION_S,
-        ),
-    )
-
-
-def _answered(
-    conn: psycopg.Connection[Any], request: store.ProbeRequest, plan: Area | Track, jobs: int, memory: Memory
-) -> list[Conflict]:
-    """Return the conflicts of the plan of a request, on the snapshot of the open transaction."""
-    if store.scene_state(conn, request.scene).is_current:
-        return _probed(conn, request.scene_id, plan, request.key, jobs, memory)
-    replaced = [] if request.key is None else [request.key]
-    settings = store.read_settings(conn, request.scene_id)
-    return _probed_together(conn, request.scene_id, settings, [plan], replaced)
+        )
+        store.answer_admission(conn, request.probe_id, admission)
+        return
+    found = _found(conn, request.scene, plans, jobs, memory)
+    beyond = (found.state.is_beyond_horizon and found.state.remark) or ""
+    store.answer_probe(conn, request.probe_id, {one.key for one in plans}, found, beyond)
 
 
 class _PlanSource:

@@ -72,6 +72,16 @@ def read_scene(
         return _read(text, stem, max_speed_kn, source, phase, skip_invalid=skip_invalid)
 
 
+def read_plans(text: str, scene: Scene, max_speed_kn: float = math.inf) -> list[Area | Track]:
+    """Return the plans of `plans_text`, areas first; raises InvalidInput as `read_scene` does.
+
+    scene : that they are for
+    """
+    with _without_collector():
+        found = _read(text, scene.name, max_speed_kn, "", unwatched, skip_invalid=False, settings=scene)
+    return [*found.areas, *found.tracks]
+
+
 @contextmanager
 def _without_collector() -> Iterator[None]:
     """Switch off Python's garbage collector: it would visit millions of numbers again and again, and free none."""
@@ -84,7 +94,17 @@ def _without_collector() -> Iterator[None]:
             gc.enable()
 
 
-def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, *, skip_invalid: bool) -> Contents:
+def _read(
+    text: str,
+    stem: str,
+    max_speed_kn: float,
+    source: str,
+    phase: Phase,
+    *,
+    skip_invalid: bool,
+    settings: Scene | None = None,
+) -> Contents:
+    """Return the contents of a file; settings : of its objects if it has none."""
     size_mb = len(text) // 1_000_000
     document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
     read_dialect = dialects.of_json(document)
@@ -107,7 +127,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
     foreign: Collection[str] = ()
     with refusals:
         foreign = _foreign(document.get("foreign"))
-    known = ("scene", "features", "crs", "trs", "foreign")
+    known = ("scene", "features", "crs", "trs", "foreign", "version")
     refusals.extend(names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign))
     scene = None
     with refusals:
@@ -119,7 +139,12 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
         refusals.raise_found()
         raise AssertionError
     setting = file_objects.FileContext.of_settings(
-        scene, stem, foreign, to_degrees, systems=systems, row_ids=stem if scene is None else ""
+        scene or settings,
+        stem,
+        foreign,
+        to_degrees,
+        systems=systems,
+        row_ids=stem if scene is None and settings is None else "",
     )
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
@@ -178,6 +203,16 @@ def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> 
         yield f"{separator}    {dumped(feature_of(item))}"
         separator = ",\n"
     yield " ] }\n"
+
+
+def plans_text(plans: Sequence[Area | Track]) -> str:
+    """Return plans as a scene file without a scene, from which `read_plans` reads exactly these: the form of requests.
+
+    It is a GeoJSON FeatureCollection with "version": 1. The lines that a track says its legs follow are left out.
+    """
+    foreign = sorted({name for one in plans for name in file_objects.suspect_properties(one)})
+    features = [feature_of(one) for one in plans]
+    return dumped({"type": "FeatureCollection", "version": 1, "foreign": foreign, "features": features})
 
 
 def feature_of(item: Area | Track) -> dict[str, Any]:

@@ -222,7 +222,7 @@ def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monke
 
 
 ANSWER = """
-SELECT error IS NULL AND (admission ->> 'admitted')::boolean FROM conflictdb.probe_request
+SELECT error IS NULL AND (answer ->> 'admitted')::boolean FROM conflictdb.probe_request
 WHERE probe_id = %s AND answered_at IS NOT NULL
 """
 

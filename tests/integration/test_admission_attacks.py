@@ -6,7 +6,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from city import as_plan, asked, flight, keys, square
+from city import as_feature, as_plan, asked, flight, keys, square
 from psycopg import sql
 
 from conflictdb import Database, StoredScene
@@ -48,19 +48,19 @@ def refusal(conn: Conn, statement: str, *arguments: object) -> str:
 
 
 ADMIT = "SELECT conflictdb.admit('city', %s)"
-INSERT = """INSERT INTO conflictdb.probe_request (scene_id, object_kind, plans, owner, allow_known)
-            SELECT scene_id, 0, %s, %s, false FROM conflictdb.scene"""
+INSERT = """INSERT INTO conflictdb.probe_request (scene_id, kind, plans, options)
+            SELECT scene_id, 'admit', %s, '{"allow_known": false}' FROM conflictdb.scene"""
 
 
 def test_readers_cannot_admit(dsn: str, city: StoredScene, roles: dict[str, str]) -> None:
     """Neither by the function, nor by a request of their own, nor under another role's name."""
-    plans = json.dumps([as_plan(square("a", 0.0))])
+    plans = json.dumps([as_feature(square("a", 0.0))])
     with psycopg.connect(dsn) as conn:
         become(conn, roles["reader"])
         assert refusal(conn, ADMIT, plans).startswith("42501")
-        assert refusal(conn, INSERT, plans, None).startswith("42501")
-        pretended = INSERT.replace("owner,", "owner, asked_by,").replace("%s, %s", "%s, %s, %s")
-        assert refusal(conn, pretended, plans, None, roles["editor"])[:5] in {"42501", "23514"}
+        assert refusal(conn, INSERT, plans).startswith("42501")
+        pretended = INSERT.replace("plans,", "plans, asked_by,").replace("%s,", "%s, %s,")
+        assert refusal(conn, pretended, plans, roles["editor"])[:5] in {"42501", "23514"}
         lock = "INSERT INTO conflictdb.admission_lock (scene_id, taken) SELECT scene_id, 1 FROM conflictdb.scene"
         assert refusal(conn, lock).startswith("42501")
     assert keys(city) == []
@@ -146,7 +146,7 @@ def test_a_search_path_of_the_caller_does_not_matter(dsn: str, city: StoredScene
     assert keys(city) == ["a"]
 
 
-@pytest.mark.parametrize("stage", ["requested_plans", "answer_admission", "put_plans", "objects_near"])
+@pytest.mark.parametrize("stage", ["read_request", "answer_admission", "put_plans", "objects_near"])
 def test_a_worker_that_is_killed_between_stages_leaves_nothing(
     dsn: str, db: Database, city: StoredScene, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:

@@ -8,11 +8,24 @@ from typing import Any
 
 import psycopg
 import pytest
-from city import CITY, asked, beyond_limits, flight, keys, pairs, square, within_limits
+from city import (
+    CITY,
+    HOUR_US,
+    T0_US,
+    as_feature,
+    as_plan,
+    asked,
+    beyond_limits,
+    flight,
+    keys,
+    pairs,
+    square,
+    within_limits,
+)
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import Database, InvalidInput, StoredScene
+from conflictdb import Area, Database, InvalidInput, StoredScene, Track
 from conflictdb.db import probes, store
 
 
@@ -27,9 +40,10 @@ def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:
     assert keys(city) == ["a", "b"]
 
 
+@pytest.mark.parametrize("form", [as_feature, as_plan])
 @pytest.mark.parametrize("settings", [{}, {"intervals": "closed"}, {"motion": "great_circle", "earth": "sphere"}])
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, HARBOUR], ids=lambda w: w.name)
-def test_sql_says_what_python_says(db: Database, workload: Workload, settings: dict[str, Any]) -> None:
+def test_sql_says_what_python_says(db: Database, workload: Workload, settings: dict[str, Any], form: Any) -> None:
     """Of areas and tracks, among objects that are detected, changed or new: the same pairs, verdicts and periods."""
     scene, areas, tracks = throw(workload, 5, 24, 8)
     if settings.get("motion") and workload is SEAM:
@@ -49,7 +63,7 @@ def test_sql_says_what_python_says(db: Database, workload: Workload, settings: d
             expected = city.admit(one, owner)
             there = sorted(keys(city))
         with conn.transaction(force_rollback=True):
-            admitted, conflicts, request = asked(conn, one, p_owner=owner)
+            admitted, conflicts, request = asked(conn, one, p_owner=owner, form=form)
             assert sorted(keys(city)) == (there if request is None else sorted(p.key for p in stored))
         if request is not None:
             continue
@@ -166,9 +180,69 @@ def test_a_stored_key_must_be_named(dsn: str, db: Database, city: StoredScene) -
     assert answered(dsn, request, conn)[0] is not None
 
 
+def test_members_that_only_workers_read_are_admitted_by_one(dsn: str, db: Database, city: StoredScene) -> None:
+    """What a scene file can say is put as from the file, and decided as in Python; nothing is put before."""
+    conn = db.connection
+    city.put([square("a", 0.0), square("b", 0.3)])
+    plans: list[Area | Track] = [
+        replace(
+            square("s", 0.7),
+            start_us=None,
+            end_us=None,
+            spans_us=[(T0_US, T0_US + HOUR_US), (T0_US + 2 * HOUR_US, T0_US + 3 * HOUR_US)],
+        ),
+        replace(flight("t", 0.205), tolerances={"xtd_port_m": 20.0}, name="with tolerances"),
+        replace(flight("u", 0.25), departures_us=[T0_US, T0_US + HOUR_US], object_class="drone"),
+        replace(flight("v", 0.4), floors_m=[20.0], ceilings_m=[30.0]),
+        replace(flight("w", 0.6, properties={"Speed": 3}), grow_mps=0.1),
+        replace(flight("near", 0.0101), tolerances={"xtd_port_m": 20.0}),
+    ]
+    circle = {
+        "type": "Feature", "version": 1, "id": "c", "geometry": {"type": "Point", "coordinates": [0.5, 0.0]},
+        "properties": {"radius_m": 300},
+    }  # fmt: skip
+    for plan in plans:
+        with conn.transaction(force_rollback=True):
+            expected = city.admit(plan, "me")
+        there = keys(city)
+        admitted, conflicts, request = asked(conn, plan, p_owner="me")
+        conn.commit()
+        if request is not None:
+            assert (admitted, conflicts, keys(city)) == (None, [], there)
+            admitted, conflicts = answered(dsn, request, conn)
+        assert (admitted, pairs(conflicts)) == (
+            bool(expected), sorted((one.a_key, one.b_key) for one in expected.conflicts),
+        )  # fmt: skip
+        if admitted:
+            [stored] = [one for kind in store.read_scene(conn, "city", [plan.key])[1:] for one in kind]
+            assert_same(replace(plan, owner="me", **limit(plan)), stored)
+            assert city.delete_objects(plan.key) is None
+    [admitted, _, request] = asked(conn, circle, form=lambda one: one)  # type: ignore[arg-type]
+    assert answered(dsn, request, conn) == (True, [])
+    assert keys(city) == ["a", "b", "c"]
+
+
+def limit(plan: Area | Track) -> dict[str, Any]:
+    return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
+
+
+@pytest.mark.parametrize("form", [as_feature, as_plan])
+def test_older_forms_of_plans_are_read_with_a_notice(db: Database, city: StoredScene, form: Any) -> None:
+    notices: list[str] = []
+    db.connection.add_notice_handler(lambda one: notices.append(one.message_primary or ""))
+    assert asked(db.connection, square("a", 0.0), form=form)[0]
+    assert [one for one in notices if "until the next release" in one] == notices
+    assert len(notices) == (form is as_plan)
+
+
 @pytest.mark.parametrize(
     ("plans", "rule"),
     [
+        ('{"type": "FeatureCollection", "features": []}', "array of 1 to 1000 plans"),
+        ('[{"type": "Feature", "version": 2, "id": "a"}]', "plan 'a': version: must be 1; got 2"),
+        ('[{"type": "Feature", "version": 1}]', "plans: id: must be text"),
+        ('[{"type": "Feature", "id": "a"}, {"key": "b"}]', "plans: type: must be a GeoJSON Feature"),
+        ('{"type": "FeatureCollection", "scene": {}, "features": [1]}', "plans: scene: is not a member of plans"),
         ("[]", "array of 1 to 1000 plans"),
         ("{}", "array of 1 to 1000 plans"),
         ("null", "array of 1 to 1000 plans"),

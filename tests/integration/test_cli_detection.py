@@ -447,6 +447,39 @@ def plan_file(path: Path, keys: Sequence[str], **starts: str) -> Path:
     return path
 
 
+def test_a_probe_has_the_class_and_owner_of_the_object_that_it_replaces(run: Run, tmp_path: Path) -> None:
+    times = {"times": ["2026-12-03T08:00:00Z", "2026-12-03T09:00:00Z"], "fore_m": 50, "aft_m": 50}
+    ring = [[4.0, 57.0], [4.2, 57.0], [4.2, 57.1], [4.0, 57.1], [4.0, 57.0]]
+    line = {"type": "LineString", "coordinates": [[4.0, 57.13], [4.2, 57.13]]}
+    of_ferry = times | {"port_m": 50, "starboard_m": 50, "class": "ferry", "owner": "line"}
+    area = {"type": "Polygon", "coordinates": [ring]}
+    scene = {"name": "ruled", "rules": [{"a_class": "ferry", "b_class": "area", "separation_m": 5000}]}
+    features = [
+        {"type": "Feature", "id": "A", "geometry": area, "properties": {"owner": "them"}},
+        {"type": "Feature", "id": "FERRY", "geometry": line, "properties": of_ferry},
+    ]
+    path = tmp_path / "ruled.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "scene": scene, "features": features}))
+    assert run("detect", path).code == 0
+    track = ("--path", "LINESTRING(4 57.13, 4.2 57.13)", "--times", "2026-12-03T08:00Z,2026-12-03T09:00Z")
+    box = ("--footprint", "POLYGON((4 57.13, 4.2 57.13, 4.2 57.14, 4 57.13))", "--from", "2026-12-04T08:00Z")
+    for plan in (track, box):
+        asked = ("probe", "--scene", "ruled", *plan, "--format", "json")
+        for options, met in (
+            (("--key", "FERRY"), {"A"}),
+            (("--key", "new"), set()),
+            (("--key", "new", "--class", "ferry"), {"A"}),
+            (("--key", "FERRY", "--class", "tug"), set()),
+            (("--key", "FERRY", "--owner", "them"), set()),
+            (("--class", "ferry", "--owner", "them"), set()),
+        ):
+            found = run(*asked, *options).json
+            # A plan of another key meets FERRY, too.
+            keys = {row[name] for row in found for name in ("a_key", "b_key")}
+            assert keys - {"FERRY", "plan", "new"} == met, options
+    assert run("probe", "--scene", "ruled", path, "--class", "ferry").code == 2
+
+
 def test_probe_says_what_of_a_file_was_not_read(run: Run, tmp_path: Path) -> None:
     """As load does: columns that look like times."""
     run("detect", STRAIT)

@@ -90,9 +90,10 @@ def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
             assert found[1:4] == (said["least_later_s"], said["least_earlier_s"], list(said["blocked_by"]))
             assert found[5:] == (False, now_s > 0, said["earliest_s"], said["latest_s"])
             assert (found[2] is not None) == is_offered
-    # A row that a reader inserts is answered, whatever end its span has.
-    insert = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, key, horizon, active_span) "
-    insert += "SELECT scene_id, 1, 'NORTH', '1 hour', '[2026-02-28,infinity]' FROM conflictdb.scene RETURNING probe_id"
+    # A row that a reader inserts is answered.
+    insert = "INSERT INTO conflictdb.probe_request (scene_id, kind, options) SELECT scene_id, 'delays', "
+    insert += """'{"key": "NORTH", "horizon_s": 3600, "now_us": 1772236800000000}' FROM conflictdb.scene"""
+    insert += " RETURNING probe_id"
     row = scene.execute(insert.encode()).fetchone()
     scene.commit()
     assert row is not None
@@ -145,8 +146,8 @@ def test_readers_ask_and_only_they_see_the_answer(scene: Conn, dsn: str) -> None
         probe_id = asked(opened[0], "NORTH")
         assert answered(opened[0], dsn, probe_id)[0] == "NORTH"
         assert refused(opened[1], ANSWER, probe_id)[0] == "ZC011"
-        forged = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, key, horizon, delays) "
-        forged += "SELECT scene_id, 1, 'EAST', '1 hour', '{}' FROM conflictdb.scene"
+        forged = "INSERT INTO conflictdb.probe_request (scene_id, kind, options, answer) SELECT scene_id, 'delays', "
+        forged += """'{"key": "EAST", "horizon_s": 3600}', '{}' FROM conflictdb.scene"""
         assert refused(opened[1], forged)[0] == "ZC013"
     finally:
         for one in opened:

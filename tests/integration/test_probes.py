@@ -1,24 +1,30 @@
 """A probe gives the answer that a detection would give for the plan: from Python, and from SQL by a worker."""
 
+import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
 import psycopg
 import pytest
+import shapely
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from piecework import load
 from psycopg import conninfo, sql
+from scene_strategies import INSTANT, areas, assert_same, tracks
 from scenes import T0_US, box, sail
 from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 
-from conflictdb import connect
+from conflictdb import Area, Rule, Track, connect, rectangle_outline_m
 from conflictdb.db import detect, probes, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
-from conflictdb.model.plans import Scene
+from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
+from conflictdb.model.plans import MAX_INSTANT_US, Scene
 from conflictdb.model.results import Conflict
 
 Conn = psycopg.Connection[Any]
@@ -242,7 +248,7 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
 
 
 def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) -> None:
-    """All columns except the nearest points, which probes do not return; also for points and lines as havens."""
+    """All columns, whatever a plan says."""
     areas = [box("A", 0.4, -0.1, 0.6, 0.1, start_us=T0_US), box("N", 0.4, 0.11, 0.6, 0.2)]
     load(conn, Scene("s", nearest_m=2000.0), areas, [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
@@ -253,19 +259,22 @@ def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) ->
         crossing,
         replace(crossing, outline_m=np.array([[0.0, 0.0]]), grow_mps=0.5),
         replace(crossing, outline_m=np.array([[-50.0, 0.0], [50.0, 10.0]])),
+        replace(crossing, outlines_m=np.array([crossing.outline_m, 2.0 * crossing.outline_m])),
+        replace(crossing, tolerances={"xtd_port_m": 300.0, "xtd_starboard_m": 20.0}),
+        replace(crossing, floor_m=None, ceiling_m=None, floors_m=[-10.0], ceilings_m=[np.inf]),
+        replace(crossing, departures_us=[T0_US + k * 2 * HOUR_US for k in range(3)]),
+        replace(
+            plan_of_spans := box("P", 0.3, -0.2, 0.45, 0.105),
+            spans_us=[(None, T0_US + 1), (T0_US + HOUR_US // 2, None)],
+        ),
+        replace(plan_of_spans, name="named", properties={"Floor": 3, "cieling_m": 5}),
     ]
     with answering(dsn), connect(dsn) as db:
         for plan in plans:
-            here = [
-                replace(one, closest_a_deg=None, closest_b_deg=None) for one in said(list(db.scene("s").probe(plan)))
-            ]
+            here = said(list(db.scene("s").probe(plan)))
             told = db.scene("s").probe(plan, worker_timeout_s=60.0)
             assert (said(list(told)), told.is_current) == (here, True)
             assert here
-        changing = replace(crossing, outlines_m=np.array([crossing.outline_m, 2.0 * crossing.outline_m]))
-        with pytest.raises(InvalidInput, match="which a worker cannot be asked about"):
-            db.scene("s").probe(changing, worker_timeout_s=60.0)
-        assert db.scene("s").probe(changing)
     with connect(dsn) as db:
         with pytest.raises(NotCurrent, match="is not answered after"):
             db.scene("s").probe(crossing, worker_timeout_s=0.05)
@@ -340,10 +349,8 @@ def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
         assert seen == {"asker": (1, 1), "other": (0, 0), "worker": (1, 1)}
         assert refused(opened["other"], ANSWER, probe_id) == "ZC011"
         assert refused(opened["stranger"], ASK, "s") == "42501"
-        pretend = (
-            "INSERT INTO conflictdb.probe_request (scene_id, object_kind, footprint, asked_by) SELECT scene_id, 0, "
-        )
-        pretend += "ST_Multi(ST_MakeEnvelope(0, 0, 1, 1, 4326)), %s FROM "
+        pretend = "INSERT INTO conflictdb.probe_request (scene_id, kind, plans, asked_by) SELECT scene_id, 'probe', "
+        pretend += f"'[{A_FEATURE}]', %s FROM "
         assert refused(opened["other"], pretend + "conflictdb.scene", users["asker"]) in ("42501", "23514")
         assert refused(opened["asker"], "UPDATE conflictdb.probe_request SET asked_at = now()") == "42501"
         assert refused(opened["asker"], "INSERT INTO conflictdb.probe_reply DEFAULT VALUES") == "42501"
@@ -356,32 +363,42 @@ def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
         conn.commit()
 
 
-REQUEST = """INSERT INTO conflictdb.probe_request
-             (scene_id, object_kind, footprint, active_span, path, outline, {column})
-             SELECT scene_id, {kind}, {footprint}, {span}, {path}, {outline}, {value} FROM conflictdb.scene"""
-A_BOX = "ST_Multi(ST_MakeEnvelope(0, 0, 1, 1, 4326))"
-A_PATH = "'SRID=4326;LINESTRING M (0 0 1772323200, 1 1 1772409600)'::geometry"
-ENDLESS = "ST_SetSRID(ST_MakeLine(ST_MakePointM(0, 0, 0), ST_MakePointM(1, 1, 'infinity')), 4326)"
-AN_OUTLINE = "conflictdb.rectangle_outline(9, 9, 5, 5)"
+REQUEST = """INSERT INTO conflictdb.probe_request (scene_id, kind, plans, {column})
+             SELECT scene_id, {kind}, {plans}, {value} FROM conflictdb.scene"""
+A_RING = '"geometry": {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}'
+A_FEATURE = f'{{"type": "Feature", "version": 1, "id": "A", {A_RING}, "properties": {{"start": "2030-01-01T00:00Z"}}}}'
 
 
 @pytest.mark.parametrize(
     ("row", "state"),
     [
-        ({"footprint": A_BOX, "span": "'[-infinity, infinity]'"}, None),
-        ({"footprint": A_BOX, "span": "'[infinity,)'"}, "ZC003"),
-        ({"footprint": A_BOX, "span": "'(,-infinity]'"}, "ZC003"),
-        ({"footprint": A_BOX, "span": "'empty'"}, "ZC003"),
-        ({"footprint": "'SRID=4326;MULTIPOLYGON EMPTY'"}, "ZC001"),
-        ({"footprint": A_BOX, "column": "floor_m", "value": "'NaN'"}, "ZC004"),
-        ({"footprint": A_BOX, "column": "answered_at", "value": "now()"}, "ZC013"),
-        ({"footprint": A_BOX, "column": "failures", "value": "-32768"}, "ZC013"),
-        ({"footprint": A_BOX, "column": "asked_at", "value": "'infinity'"}, None),
-        ({"kind": "1", "path": A_PATH, "outline": "'POLYGON EMPTY'"}, "ZC006"),
-        ({"kind": "1", "path": "'SRID=4326;LINESTRING M (0 0 0, NaN 1 1)'", "outline": AN_OUTLINE}, "ZC001"),
-        ({"kind": "1", "path": ENDLESS, "outline": AN_OUTLINE}, "ZC001"),
-        ({"kind": "1", "path": A_PATH, "outline": AN_OUTLINE, "column": "grow_mps", "value": "'NaN'"}, None),
-        ({"kind": "7", "footprint": A_BOX}, "ZC001"),
+        ({}, None),
+        ({"plans": f"""'{{"type": "FeatureCollection", "version": 1, "features": [{A_FEATURE}]}}'"""}, None),
+        ({"plans": "NULL"}, "ZC016"),
+        ({"plans": "'[]'"}, "ZC016"),
+        ({"plans": "'5'"}, "ZC016"),
+        ({"plans": f"""'{{"type": "FeatureCollection", "version": 2, "features": [{A_FEATURE}]}}'"""}, "ZC016"),
+        ({"plans": f"""'{{"type": "FeatureCollection", "scene": {{}}, "features": [{A_FEATURE}]}}'"""}, "ZC016"),
+        ({"plans": "'[" + A_FEATURE.replace('"version": 1', '"version": 2') + "]'"}, "ZC016"),
+        ({"plans": "'[" + A_FEATURE.replace('"id": "A"', '"id": 7') + "]'"}, "ZC016"),
+        ({"plans": "'[" + A_FEATURE.replace('"Feature"', '"feature"') + "]'"}, "ZC016"),
+        ({"plans": f"'[{A_FEATURE}, {A_FEATURE}]'"}, "ZC007"),
+        ({"plans": "'[" + A_FEATURE.replace("Polygon", "Polygone") + "]'"}, None),
+        ({"plans": "'[" + A_FEATURE.replace(A_RING, '"geometry": null') + "]'"}, None),
+        ({"plans": "'[" + A_FEATURE.replace("2030-01-01T00:00Z", "tomorrow") + "]'"}, None),
+        ({"plans": "'[" + A_FEATURE.replace('"start"', '"strat"') + "]'"}, None),
+        ({"column": "answered_at", "value": "now()"}, "ZC013"),
+        ({"column": "answer", "value": "'{}'"}, "ZC013"),
+        ({"column": "failures", "value": "-32768"}, "ZC013"),
+        ({"column": "asked_at", "value": "'infinity'"}, None),
+        ({"column": "options", "value": "'[]'"}, "ZC016"),
+        ({"column": "options", "value": """'{"key": "T"}'"""}, "ZC016"),
+        ({"kind": "'delays'", "column": "options", "value": """'{"key": "T", "horizon_s": 60}'"""}, None),
+        ({"kind": "'delays'", "column": "options", "value": """'{"key": "T", "horizon_s": "x"}'"""}, "ZC016"),
+        ({"kind": "'delays'", "column": "options", "value": """'{"key": "T"}'"""}, "ZC003"),
+        ({"kind": "'admit'"}, "42501"),
+        ({"kind": "'other'"}, "ZC016"),
+        ({"kind": "NULL"}, "ZC016"),
     ],
     ids=str,
 )
@@ -391,10 +408,7 @@ def test_a_row_that_a_reader_writes_stops_no_worker(
     """It is refused, or answered: and the next question is, too."""
     load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
-    given = {
-        "kind": "0", "footprint": "NULL", "span": "NULL", "path": "NULL", "outline": "NULL", "column": "key",
-        "value": "NULL", **row,
-    }  # fmt: skip
+    given = {"kind": "'probe'", "plans": f"'[{A_FEATURE}]'", "column": "is_current", "value": "NULL", **row}
     statement = REQUEST.format(**given).encode()
     with store.connect(dsn) as reader:
         reader.execute("SET ROLE conflictdb_reader")
@@ -423,15 +437,15 @@ def test_a_request_that_always_fails_is_refused_after_three_attempts(
     ids = []
     with store.connect(dsn) as reader:
         ids = [ask(reader, ASK, "s") for _ in range(2)]
-    read, order = store.read_probe, []
+    read, order = store.read_request, []
 
-    def fails(conn: Conn, probe_id: int, scene_id: int) -> store.ProbeRequest:
+    def fails(conn: Conn, probe_id: int) -> store.Request:
         order.append(probe_id)
         if probe_id == ids[0]:
             conn.execute("SELECT 1 / 0")
-        return read(conn, probe_id, scene_id)
+        return read(conn, probe_id)
 
-    monkeypatch.setattr(store, "read_probe", fails)
+    monkeypatch.setattr(store, "read_request", fails)
     assert probes.answer(conn) is False
     assert order == [ids[0], ids[1], ids[0], ids[0]]
     errors = conn.execute("SELECT error FROM conflictdb.probe_request ORDER BY probe_id").fetchall()
@@ -445,3 +459,114 @@ def test_a_role_may_ask_a_thousand_questions_at_a_time(conn: Conn) -> None:
     conn.execute(f"{many} FROM generate_series(1, 1000)".encode())
     with pytest.raises(psycopg.Error, match=r"1000 questions of role .* wait already"):
         conn.execute(many.encode())
+
+
+TOLERANCES = st.fixed_dictionaries(
+    {},
+    optional={
+        "xtd_port_m": st.floats(0.0, 18_520.0),
+        "xtd_starboard_m": st.floats(0.0, 18_520.0),
+        "turn_radius_m": st.floats(0.0, 1e4),
+    },
+).filter(bool)
+
+
+@st.composite
+def every_field(draw: st.DrawFn) -> Area | Track:
+    """A plan in which every field may be set."""
+    plan = draw(areas() | tracks(INSTANT, 80.0))
+    how = draw(st.integers(0, 3))
+    if isinstance(plan, Area):
+        if how == 1:
+            ends = sorted(draw(st.lists(INSTANT, min_size=4, max_size=4, unique=True)))
+            spans = [(ends[0], ends[1]), (ends[2], draw(st.sampled_from([None, ends[3]])))]
+            return replace(plan, start_us=None, end_us=None, spans_us=spans)
+        return replace(plan, schedule={"days": ["MON"], "periods": [["08:00", "16:00"]]}) if how == 2 else plan
+    lasts_us = int(plan.times_us[-1] - plan.times_us[0])
+    if how == 1 and plan.times_us[-1] + 3 * lasts_us < MAX_INSTANT_US:
+        plan = replace(plan, departures_us=plan.times_us[0] + np.arange(3) * (lasts_us + 1), max_speed_kn=np.inf)
+    elif how == 2:
+        plan = replace(plan, schedule={"days": ["MON"], "periods": [["08:00", "16:00"]]}, max_speed_kn=np.inf)
+    elif how == 3 and plan.outlines_m is None and not plan.grow_mps:
+        plan = replace(plan, tolerances=draw(TOLERANCES), max_speed_kn=np.inf)
+    return plan
+
+
+@given(st.lists(every_field(), min_size=1, max_size=3, unique_by=lambda one: one.key))
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_plan_comes_through_a_request_to_the_last_bit(conn: Conn, plans: list[Area | Track]) -> None:
+    if conn.execute("SELECT count(*) FROM conflictdb.scene").fetchone() == (0,):
+        load(conn, Scene("s"), [], [])
+    with conn.transaction(force_rollback=True):
+        number = store.request_probe(conn, "s", plans_text(plans))
+        request = store.read_request(conn, number)
+        assert (request.kind, request.scene) == ("probe", "s")
+        assert request.plans is not None
+        read = {one.key: one for one in read_plans(request.plans, Scene("s"))}
+    assert len(read) == len(plans)
+    for plan in plans:
+        assert_same(plan, read[plan.key])
+        names = ["spans_us"] if isinstance(plan, Area) else ["departures_us", "tolerances"]
+        for name in ("schedule", *names):
+            assert getattr(plan, name) == getattr(read[plan.key], name), name
+    # A field that is not compared above would be forgotten here.
+    assert {one.name for one in fields(Area)} == {
+        *("key", "footprint", "name", "start_us", "end_us", "floor_m", "ceiling_m", "properties", "object_class"),
+        *("owner", "spans_us", "schedule"),
+    }
+    assert {one.name for one in fields(Track)} == {
+        *("key", "positions_deg", "times_us", "outline_m", "name", "floor_m", "ceiling_m", "properties", "grow_mps"),
+        *("outlines_m", "floors_m", "ceilings_m", "object_class", "owner", "tolerances", "departures_us", "schedule"),
+        "legs",  # of the scene, checked before the request
+    }
+
+
+RULED = Scene("s", rules=(Rule("ferry", "area", separation_m=5000.0),))
+FERRY = "ST_MakeEnvelope(4.0, 57.12, 4.2, 57.14, 4326)"
+
+
+@pytest.mark.parametrize(
+    ("options", "met"),
+    [
+        ("", ["FERRY"]),
+        ("p_key => 'FERRY'", ["A"]),
+        ("p_class => 'ferry'", ["A", "FERRY"]),
+        ("p_key => 'FERRY', p_class => 'other'", []),
+        ("p_key => 'FERRY', p_owner => 'them'", []),
+        ("p_key => 'new', p_class => 'ferry', p_owner => 'line'", ["A"]),
+        ("p_key => 'OWNED'", ["FERRY"]),
+    ],
+)
+def test_questions_in_sql_have_class_and_owner(conn: Conn, dsn: str, options: str, met: list[str]) -> None:
+    """Those of the object that the plan would replace, unless they are given."""
+    load_ruled(conn)
+    rest = f", {options}" if options else ""
+    path = "conflictdb.track_path(ST_GeomFromText('LINESTRING(4 57.13, 4.2 57.13)', 4326), ARRAY['2026-12-03 08:00Z', "
+    path += "'2026-12-03 09:00Z']::timestamptz[])"
+    outline = "conflictdb.rectangle_outline(50, 50, 50, 50)"
+    with answering(dsn):
+        for question in (f"request_probe('s', {FERRY}{rest})", f"request_track_probe('s', {path}, {outline}{rest})"):
+            rows = conn.execute(ANSWER, [ask(conn, f"SELECT conflictdb.{question}")]).fetchall()
+            found = sorted(row[0] for row in rows)
+            assert found == met, question
+
+
+def load_ruled(conn: Conn) -> None:
+    ship = rectangle_outline_m(50.0, 50.0, 50.0, 50.0)
+    at = [datetime(2026, 12, 3, hour, tzinfo=UTC) for hour in (8, 9)]
+    ferry = Track("FERRY", [(4.0, 57.13), (4.2, 57.13)], at, ship, object_class="ferry", owner="line")
+    closed = Area("A", shapely.box(4.0, 57.0, 4.2, 57.1), owner="them")
+    load(conn, RULED, [closed, Area("OWNED", shapely.box(9.0, 9.0, 9.1, 9.1), owner="x")], [ferry])
+    detect.detect(conn, "s", jobs=1)
+
+
+def test_several_plans_are_asked_about_in_sql(conn: Conn, dsn: str) -> None:
+    load(conn, Scene("s"), [box("A", 0.4, -0.1, 0.6, 0.1), box("N", 5.0, 5.0, 6.0, 6.0)], [])
+    detect.detect(conn, "s", jobs=1)
+    plans = [box("N", 0.5, 0.0, 0.7, 0.2), box("P", 0.65, 0.1, 0.9, 0.3), box("far", 7.0, 7.0, 8.0, 8.0)]
+    features = json.dumps([feature_of(one) | {"version": 1} for one in plans])
+    with answering(dsn):
+        number = ask(conn, "SELECT conflictdb.request_plans_probe('s', %s)", features)
+        rows = conn.execute("SELECT plan_key, key, kind FROM conflictdb.wait_for_plans_probe(%s)", [number]).fetchall()
+        assert sorted(rows) == [("N", "A", "area"), ("N", "P", "area")]
+        assert sorted(row[0] for row in conn.execute(ANSWER, [number]).fetchall()) == ["A", "P"]

@@ -36,8 +36,8 @@ CHOSEN = [
     """INSERT INTO attachment (attachment_id, scene_id, object_kind, table_schema, table_name, map, identity_columns,
                                has_triggers, every)
        OVERRIDING SYSTEM VALUE SELECT 1, scene_id, 0, 'a', 'b', '{}', '{}', false, '1 h' FROM scene""",
-    """INSERT INTO probe_request (probe_id, scene_id, object_kind)
-       OVERRIDING SYSTEM VALUE SELECT 1, scene_id, 0 FROM scene""",
+    """INSERT INTO probe_request (probe_id, scene_id, kind)
+       OVERRIDING SYSTEM VALUE SELECT 1, scene_id, 'probe' FROM scene""",
     """INSERT INTO change (change_id, scene_id, object_kind, object_id, version)
        OVERRIDING SYSTEM VALUE SELECT 99, scene_id, 0, 1, 1 FROM scene""",
     "UPDATE area SET area_id = DEFAULT",

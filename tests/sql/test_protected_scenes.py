@@ -119,8 +119,9 @@ ADDITIONS = [
     """INSERT INTO conflictdb.attachment (scene_id, object_kind, table_schema, table_name, map, identity_columns,
                                           has_triggers, every)
        VALUES ({hers}, 0, 'a', 'b', '{{}}', '{{}}', false, '1 h')""",
-    """INSERT INTO conflictdb.probe_request (scene_id, object_kind, footprint)
-       VALUES ({hers}, 0, 'SRID=4326;MULTIPOLYGON(((0 0, 1 0, 1 1, 0 1, 0 0)))')""",
+    """INSERT INTO conflictdb.probe_request (scene_id, kind, plans)
+       VALUES ({hers}, 'probe', '[{{"type": "Feature", "version": 1, "id": "X", "geometry": {{"type": "Polygon",
+               "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}}}}]')""",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', {alice})",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', NULL)",
     "INSERT INTO conflictdb.branch_edit (scene_id, key) VALUES ({hers}, 'A')",
@@ -170,8 +171,9 @@ def stage(_server: TestServer, template: str, worker_id: str) -> Iterator[Stage]
         with acting(conn, roles["worker"]), conn.transaction():
             (probe_id,) = one(conn, "SELECT max(probe_id) FROM conflictdb.probe_request")
             conn.execute(
-                """INSERT INTO conflictdb.probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s)
-                   VALUES (%s, 0, 'B', 'conflict', '{(,)}', 0)""",
+                """INSERT INTO conflictdb.probe_reply
+                       (probe_id, plan_key, object_kind, key, verdict, periods, time_error_s)
+                   VALUES (%s, 'P', 0, 'B', 'conflict', '{(,)}', 0)""",
                 [probe_id],
             )
         (hers,) = one(conn, "SELECT scene_id FROM conflictdb.scene WHERE name = 'hers'")

@@ -419,8 +419,10 @@ def test_an_inclusive_end_adds_no_microsecond_where_intervals_are_closed(
     if way == "attach":
         conn.commit()
         connect(conn).scene("s").detect()
-    table = "probe_request" if way == "probe" else "area"
-    found = conn.execute(f"SELECT upper(active_span) = %s, upper_inc(active_span) FROM {table}".encode(), [end])
+    ends = "upper(active_span) = %s, upper_inc(active_span) FROM area"
+    if way == "probe":
+        ends = "(plans #>> '{features,0,properties,end}')::timestamptz = %s, false FROM probe_request"
+    found = conn.execute(f"SELECT {ends}".encode(), [end])
     assert found.fetchall() == [(True, False)]
     conn.execute("DROP TABLE IF EXISTS public.zone")
 

@@ -1,6 +1,7 @@
 """Flights and areas of a city, to be admitted, and the function admit of SQL."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
@@ -10,6 +11,7 @@ import psycopg
 import shapely
 
 from conflictdb import Area, Scene, StoredScene, Track, rectangle_outline_m
+from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 HOUR_US = 3_600_000_000
@@ -38,7 +40,7 @@ def instant(us: int | None) -> str | None:
 
 
 def as_plan(plan: Area | Track) -> dict[str, Any]:
-    """A plan as the function admit takes it."""
+    """A plan with the parameters of put_area and put_track, as the function admit took it before features."""
     common = {"key": plan.key, "floor_m": plan.floor_m, "ceiling_m": plan.ceiling_m, "owner": plan.owner}
     if isinstance(plan, Area):
         span = f"[{instant(plan.start_us) or ''},{instant(plan.end_us) or ''})"
@@ -51,9 +53,20 @@ def as_plan(plan: Area | Track) -> dict[str, Any]:
     }
 
 
-def asked(conn: psycopg.Connection[Any], *plans: Area | Track, scene: str = "city", **options: Any) -> tuple[Any, ...]:
+def as_feature(plan: Area | Track) -> dict[str, Any]:
+    """A plan as requests carry it."""
+    return feature_of(plan) | {"version": 1}
+
+
+def asked(
+    conn: psycopg.Connection[Any],
+    *plans: Area | Track,
+    scene: str = "city",
+    form: Callable[[Area | Track], dict[str, Any]] = as_feature,
+    **options: Any,
+) -> tuple[Any, ...]:
     """The row of the function admit, in the open transaction."""
-    given = {"p_scene": scene, "p_plans": json.dumps([as_plan(one) for one in plans]), **options}
+    given = {"p_scene": scene, "p_plans": json.dumps([form(one) for one in plans]), **options}
     names = ", ".join(f"{name} => %({name})s" for name in given)
     row = conn.execute(f"SELECT * FROM conflictdb.admit({names})", given).fetchone()  # type: ignore[arg-type]
     assert row is not None

@@ -140,6 +140,8 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--floor-m", type=height, metavar="M", help="lowest height")
     parser.add_argument("--ceiling-m", type=height, metavar="M", help="height it stays below")
     parser.add_argument("--key", type=name, help="its key (default: plan)")
+    parser.add_argument("--class", dest="object_class", type=name, help="its class (default: that of the object KEY)")
+    parser.add_argument("--owner", type=name, help="its owner (default: that of the object KEY)")
     parser.add_argument("--worker", type=duration_s, metavar="DURATION", help="let a worker compute; else exit with 7")
     parser.add_argument("--diff", action="store_true", help="only new, changed and ended conflicts")
     add_options(parser, "--require-current", "--jobs", "--fail-on-conflict")

@@ -4,12 +4,9 @@ from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, un
 from conflictdb.db.store.admissions import (
     StoredObject,
     admission,
-    answer_admission,
     objects_near,
     read_objects,
     replaced_objects,
-    requested_admission,
-    requested_plans,
 )
 from conflictdb.db.store.attached import (
     READ_WITHIN_S,
@@ -154,19 +151,19 @@ from conflictdb.db.store.stored_objects import (
 )
 from conflictdb.db.store.stored_pairs import Candidates, Marks, Numbers, Parts, boxes, bundles, candidates
 from conflictdb.db.store.stored_probes import (
-    ProbeRequest,
+    Request,
+    answer_admission,
     answer_delays,
     answer_probe,
     keys_meeting,
     names_of,
     next_probe,
     pieces_meeting,
-    plan_of,
     probe_failed,
-    read_probe,
+    read_request,
     refuse_probe,
-    request_probes,
-    wait_for_probes,
+    request_probe,
+    wait_for_probe,
 )
 from conflictdb.db.store.stored_schedules import (
     Scheduled,

@@ -1,10 +1,8 @@
 """Read what plans may meet, detected or not, while no other admission of the scene runs (sql/86).
 
-begin_admission; replaced_objects; objects_near; some_areas, some_tracks; put_plans; commit. Requests of the SQL
-function admit (sql/88) come with their plans.
+begin_admission; replaced_objects; objects_near; some_areas, some_tracks; put_plans; commit.
 """
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,18 +13,16 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 from psycopg.pq import TransactionStatus
-from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db.store.connection import Holder, call, call_many, transaction, translated
+from conflictdb.db.store.connection import Holder, call, call_many, transaction
 from conflictdb.db.store.few import some_areas, some_tracks
-from conflictdb.db.store.stored_objects import read_scene, scene_of
+from conflictdb.db.store.stored_objects import scene_of
 from conflictdb.errors import LockTimeout
-from conflictdb.formats.conflict_text import as_json
 from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Admission, Kind
+from conflictdb.model.results import Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
 # On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that
@@ -108,30 +104,6 @@ def read_objects(
         some_areas(conn, scene_id, areas) if areas else AreaBatch.of(()),
         some_tracks(conn, scene_id, tracks) if tracks else TrackBatch.of(()),
     )
-
-
-def requested_admission(conn: psycopg.Connection[Any], probe_id: int) -> tuple[str | None, bool, list[str]] | None:
-    """Return owner, whether known conflicts are allowed and replaceable keys of a request to admit; None for others."""
-    rows = call_many(conn, "_requested_admission", probe_id)
-    return rows[0] if rows else None
-
-
-def requested_plans(conn: psycopg.Connection[Any], probe_id: int, scene: str) -> list[Area | Track]:
-    """Return the plans of a request as the scene would store them; writes nothing.
-
-    Raises InvalidInput for plans that cannot be stored, and if the role that asked may not change the scene any more.
-    """
-    with translated(), conn.transaction(force_rollback=True):
-        (keys,) = call(conn, "_put_requested", probe_id)
-        _, areas, tracks = read_scene(conn, scene, keys)
-    return [*areas, *tracks]
-
-
-def answer_admission(conn: psycopg.Connection[Any], probe_id: int, admission: Admission) -> None:
-    """Write the answer to a request, in the transaction that put the plans."""
-    rows = json.loads("".join(as_json(admission.conflicts)))
-    conflicts = [row | {"is_new": one in admission.new} for row, one in zip(rows, admission.conflicts, strict=True)]
-    call(conn, "_answer_admission", probe_id, Jsonb({"admitted": admission.is_admitted, "conflicts": conflicts}))
 
 
 def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:

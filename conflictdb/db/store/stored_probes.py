@@ -1,60 +1,44 @@
 """Probe plans: find the pieces of a scene that a plan may meet; read, send and answer requests."""
 
 import json
-import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Final, cast
+from typing import Any
 
 import numpy as np
 import psycopg
 import shapely
+from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import offsets
-from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.db.store.listing import fields_of
-from conflictdb.db.store.stored_objects import decode_paths, decode_rings
 from conflictdb.db.store.stored_pairs import Candidates, Parts
-from conflictdb.errors import InvalidInput
-from conflictdb.model.inputs import all_certain, certain
+from conflictdb.formats.conflict_text import as_json
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.record import MEASURED, ColumnType
-from conflictdb.model.results import Conflict, Delays, Kind
+from conflictdb.model.record import MEASURED
+from conflictdb.model.results import Admission, Conflict, Delays, Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
-
-# Columns of a conflict that are sent as they are; its points are sent as numbers.
-_SENT: Final = tuple(column for column in MEASURED if column.type is not ColumnType.POINT)
-
-# Key of a plan without one; never shown.
-_NO_KEY = "plan"
 
 
 @dataclass(frozen=True, slots=True)
-class ProbeRequest:
-    """A question about a plan, or about the delays of a track (with a horizon): a row of `probe_request`.
+class Request:
+    """A row of `probe_request`.
 
-    footprint, path, outline : WKB
+    kind : probe, delays or admit
+    plans : a scene file without scene; None for delays
+    max_speed_kn : of the tracks in plans, at most
     """
 
     probe_id: int
-    scene_id: int
-    kind: Kind
-    key: str | None
-    footprint: bytes | None
-    start_us: int | None
-    end_us: int | None
-    path: bytes | None
-    outline: bytes | None
-    grow_mps: float
-    floor_m: float | None
-    ceiling_m: float | None
-    horizon_s: float | None
+    kind: str
     scene: str
+    plans: str | None
+    options: dict[str, Any]
+    max_speed_kn: float
 
 
 def pieces_meeting(
@@ -101,108 +85,39 @@ def names_of(
     }
 
 
-def next_probe(conn: psycopg.Connection[Any], passed_over: Sequence[int]) -> tuple[int, int] | None:
-    """Return number and scene of the next request to answer, None if there is none; locks it in the transaction."""
+def next_probe(conn: psycopg.Connection[Any], passed_over: Sequence[int]) -> int | None:
+    """Return the number of the next request to answer, None if there is none; locks it in the transaction."""
     rows = call_many(conn, "_next_probe", list(passed_over))
-    return (rows[0][0], rows[0][1]) if rows else None
+    return rows[0][0] if rows else None
 
 
-def read_probe(conn: psycopg.Connection[Any], probe_id: int, scene_id: int) -> ProbeRequest:
-    """Return a request."""
-    kind, *rest = call(conn, "_probe_request", probe_id)
-    return ProbeRequest(probe_id, scene_id, Kind.of_code(kind), *rest)
+def read_request(conn: psycopg.Connection[Any], probe_id: int) -> Request:
+    """Return a request; raises InvalidInput if its role may not make it any more."""
+    return Request(probe_id, *call(conn, "_requested", probe_id))
 
 
-def plan_of(request: ProbeRequest) -> Area | Track:
-    """Return the plan of a request; raises InvalidInput if it is not valid."""
-    key = request.key or _NO_KEY
-    floor_m, ceiling_m = request.floor_m, request.ceiling_m
-    if request.kind is Kind.AREA:
-        footprint = cast("shapely.MultiPolygon", shapely.from_wkb(request.footprint))
-        span = certain(request.start_us), certain(request.end_us)
-        return Area(key, footprint, None, *span, floor_m=floor_m, ceiling_m=ceiling_m)
-    positions, times, _ = decode_paths([request.path or b""])
-    outline, _ = decode_rings([request.outline or b""])
-    return Track(
-        key,
-        positions,
-        all_certain(times),
-        outline,
-        floor_m=floor_m,
-        ceiling_m=ceiling_m,
-        grow_mps=request.grow_mps,
-        max_speed_kn=math.inf,
-    )
-
-
-def request_probes(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> list[int]:
-    """Send questions about plans to the workers and return their numbers; they see them once committed.
-
-    Raises InvalidInput for a plan that is invalid, or that a question cannot express.
-    """
-    columns = [list(column) for column in zip(*map(_as_request, plans), strict=True)]
+def request_probe(conn: psycopg.Connection[Any], scene: str, plans: str) -> int:
+    """Ask the workers about plans, the text of a scene file; return the number. They see it once it is committed."""
     with transaction(conn):
-        (ids,) = call(conn, "_request_probes", scene, *columns)
-    return list(ids)
+        return int(call(conn, "_request_probe", scene, plans)[0])
 
 
-def _as_request(plan: Area | Track) -> tuple[Any, ...]:
-    """Return a plan as arguments of the SQL function _request_probe."""
-    area, track = (plan, None) if isinstance(plan, Area) else (None, plan)
-    path = outline = None
-    if track is not None:
-        seconds = track.times_us / 1e6
-        fits = np.rint(seconds * 1e6) == track.times_us
-        own = (track.outlines_m, track.floors_m, track.ceilings_m, track.tolerances)
-        if any(one is not None for one in own) or not fits.all():
-            rule = (
-                "has a haven that changes its shape, heights of its legs, tolerances or times beyond the year 2242, "
-                "which a worker cannot be asked about: probe without one"
-            )
-            raise InvalidInput(f"track {track.key!r}", "plan", rule)
-        waypoints = np.column_stack([track.positions_deg, seconds])
-        path = copy_binary.lines_m(waypoints, offsets([len(waypoints)])).data.tobytes()
-        rings = copy_binary.closed_rings(track.outline_m, offsets([len(track.outline_m)]))
-        outline = copy_binary.polygons(*rings, 0).data.tobytes()
-    if plan.schedule is not None or (track.departures_us if track else cast("Area", plan).spans_us) is not None:
-        rule = "has several activations, which a worker cannot be asked about: probe each on its own"
-        raise InvalidInput(f"{'track' if track else 'area'} {plan.key!r}", "plan", rule)
-    return (
-        plan.key,
-        (Kind.AREA if area else Kind.TRACK).code,
-        shapely.to_wkb(area.footprint, byte_order=1) if area else None,
-        area.start_us if area else None,
-        area.end_us if area else None,
-        path,
-        outline,
-        plan.floor_m,
-        plan.ceiling_m,
-        track.grow_mps if track else None,
-    )
-
-
-def wait_for_probes(
-    conn: psycopg.Connection[Any], scene: Scene, plans: Sequence[Area | Track], ids: Sequence[int], timeout: timedelta
-) -> list[list[Conflict]]:
-    """Wait for the answers to questions about plans, all within one timeout; return the conflicts of each, by key.
+def wait_for_probe(
+    conn: psycopg.Connection[Any], scene: Scene, plans: Sequence[Area | Track], probe_id: int, timeout: timedelta
+) -> list[Conflict]:
+    """Wait for the answer to a question about plans; return their conflicts, by key.
 
     Raises NotCurrent on timeout, InvalidInput if a plan is invalid.
     """
     with transaction(conn):
-        rows = call_by_name(conn, "_wait_for_probes", list(ids), timeout)
-    of_plans: list[list[dict[str, Any]]] = [[] for _ in plans]
-    for row in rows:
-        of_plans[row.pop("n")].append(row)
-    return [_conflicts_of(scene, plan, of_plan) for plan, of_plan in zip(plans, of_plans, strict=True)]
-
-
-def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[dict[str, Any]]) -> list[Conflict]:
-    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
+        rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
+    kinds = {one.key: Kind.AREA if isinstance(one, Area) else Kind.TRACK for one in plans}
+    names = {one.key: one.name for one in plans}
     answer = []
     for row in rows:
-        other = Kind(row.pop("kind")), row.pop("key"), row.pop("name")
-        pair = sorted([mine, other], key=lambda one: (one[0].code, one[1].encode()))
-        row |= {"first_contact_lon_deg": row.pop("lon_deg"), "first_contact_lat_deg": row.pop("lat_deg")}
+        key = row.pop("plan_key")
+        other = Kind.of_code(row.pop("kind")), row.pop("key"), row.pop("name")
+        pair = sorted([(kinds[key], key, names[key]), other], key=lambda one: (one[0].code, one[1].encode()))
         answer.append(
             Conflict(
                 scene=scene.name,
@@ -220,40 +135,56 @@ def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[dict[str, Any
 
 
 def answer_probe(
-    conn: psycopg.Connection[Any], request: ProbeRequest, plan: Area | Track, found: Sequence[Conflict]
+    conn: psycopg.Connection[Any], probe_id: int, keys: Collection[str], found: Sequence[Conflict], beyond: str
 ) -> None:
-    """Write the conflicts found for a request."""
+    """Write the conflicts found for a request.
+
+    keys : of the plans
+    beyond : why schedules may be missing; empty: they are not
+    """
     rows = []
     for one in found:
-        is_a = (one.a_key, one.a_kind) != (plan.key, request.kind)
-        lon_deg, lat_deg = one.first_contact_deg or (None, None)
+        a, b = (one.a_key, one.a_kind, one.a_name), (one.b_key, one.b_kind, one.b_name)
+        (plan_key, *_), (key, kind, name) = (a, b) if one.a_key in keys else (b, a)
         rows.append(
-            {
-                "kind": (one.a_kind if is_a else one.b_kind).code,
-                "key": one.a_key if is_a else one.b_key,
-                "verdict": one.verdict,
-                "periods": [[_sent(start), _sent(end)] for start, end in one.periods],
-                "lon_deg": lon_deg,
-                "lat_deg": lat_deg,
-            }
-            | {column.name: _sent(getattr(one, column.field)) for column in _SENT}
+            {"plan_key": plan_key, "kind": kind.code, "key": key, "name": name, "verdict": one.verdict}
+            | {column.name: _sent(getattr(one, column.field)) for column in MEASURED}
+            | {"periods": [[_sent(end) for end in period] for period in one.periods]}
         )
-    call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows), None)
+    _answer(conn, probe_id, found=rows, answer={"beyond": beyond})
 
 
-def answer_delays(conn: psycopg.Connection[Any], request: ProbeRequest, found: Delays) -> None:
+def answer_delays(conn: psycopg.Connection[Any], probe_id: int, found: Delays) -> None:
     """Write the delays found for a request."""
-    call(conn, "_answer_probe", request.probe_id, None, "[]", json.dumps(found.as_json()))
+    _answer(conn, probe_id, answer=found.as_json())
+
+
+def answer_admission(conn: psycopg.Connection[Any], probe_id: int, admission: Admission) -> None:
+    """Write the answer to a request, in the transaction that put the plans."""
+    rows = json.loads("".join(as_json(admission.conflicts)))
+    conflicts = [row | {"is_new": one in admission.new} for row, one in zip(rows, admission.conflicts, strict=True)]
+    _answer(conn, probe_id, answer={"admitted": admission.is_admitted, "conflicts": conflicts})
 
 
 def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
     """Write why a request cannot be answered."""
-    call(conn, "_answer_probe", probe_id, reason, "[]", None)
+    _answer(conn, probe_id, error=reason)
 
 
 def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
     """Count a failed attempt at a request; the third refuses it."""
     call(conn, "_probe_failed", probe_id, reason)
+
+
+def _answer(
+    conn: psycopg.Connection[Any],
+    probe_id: int,
+    *,
+    error: str | None = None,
+    found: Sequence[dict[str, Any]] = (),
+    answer: dict[str, Any] | None = None,
+) -> None:
+    call(conn, "_answer_request", probe_id, error, Jsonb(list(found)), None if answer is None else Jsonb(answer))
 
 
 def _sent(value: Any) -> Any:
