@@ -22,7 +22,7 @@ from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.rules import Rule, members_of, rule_of
+from conflictdb.model.rules import Rule, check_count, members_of, rule_of
 from conflictdb.model.settings import NAMES
 
 _SETTINGS: Final = ("name", *NAMES, "rules")
@@ -304,6 +304,7 @@ def _rules(members: Any, refusals: FileRefusals) -> list[Rule]:
     with refusals:
         if not isinstance(members, list):
             raise InvalidInput("scene", "rules", f"must be a list of rules; got {members!r:.60}")
+        check_count(len(members))
         for i, one in enumerate(members):
             with refusals:
                 found.append(rule_of(one, f"scene, rules[{i}]"))
