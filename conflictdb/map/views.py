@@ -7,8 +7,11 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.map.live import SceneChanges
+from conflictdb.errors import ConflictDBError
+from conflictdb.map.live import Listener, SceneChanges
 
+# Scenes that one server shows at once.
+MOST_VIEWS: Final = 16
 # Scenes without a page whose changes are still heard, so that a page which is opened again finds its tiles.
 _MOST_SPARE: Final = 4
 # Cached tiles of one state of a scene: some ten megabytes.
@@ -43,32 +46,49 @@ class SceneViews:
     """The views of scenes, made when they are first asked for; from any thread, after `start`."""
 
     def __init__(self, connect: Callable[[], psycopg.Connection[Any]]) -> None:
-        self._connect = connect
         self._views: dict[str, SceneView] = {}
         self._lock = Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._listener = Listener(connect, self._scenes)
 
     def start(self) -> None:
         """Begin; call it in the event loop."""
         self._loop = asyncio.get_running_loop()
+        self._listener.start()
 
     def of(self, scene: str) -> SceneView:
-        """Return the view of a scene, which need not exist; end those without a page that were unused for longest."""
-        assert self._loop is not None  # noqa: S101 (requests come after the start)
+        """Return the view of a scene, which need not exist; raises ConflictDBError if there are too many with pages."""
         with self._lock:
             view = self._views.pop(scene, None)
             if view is None:
-                view = SceneView(scene, SceneChanges(scene, self._connect))
-                view.changes.start(self._loop)
+                self._end_spare(_MOST_SPARE)
+                if len(self._views) >= MOST_VIEWS:
+                    self._end_spare(0)
+                if len(self._views) >= MOST_VIEWS:
+                    raise ConflictDBError(
+                        f"pages show {MOST_VIEWS} scenes already, the most of one server: close those of one of them"
+                    )
+                view = SceneView(scene, SceneChanges(scene, self._loop, self._left))
             self._views[scene] = view
-            spare = [one for one in self._views.values() if one is not view and not one.changes.has_subscribers]
-            for one in spare[: max(0, len(spare) - _MOST_SPARE)]:
-                one.changes.end()
-                del self._views[one.name]
         return view
+
+    def _left(self) -> None:
+        with self._lock:
+            self._end_spare(_MOST_SPARE)
+
+    def _end_spare(self, most: int) -> None:
+        """End views without a page but the last used ones."""
+        spare = [one for one in self._views.values() if not one.changes.has_subscribers]
+        for one in spare[: max(0, len(spare) - most)]:
+            one.changes.end()
+            del self._views[one.name]
+
+    def _scenes(self) -> list[SceneChanges]:
+        with self._lock:
+            return [view.changes for view in self._views.values()]
 
     def end(self) -> None:
         """End all subscriptions; from any thread. May be called again."""
-        with self._lock:
-            for view in self._views.values():
-                view.changes.end()
+        self._listener.end()
+        for changes in self._scenes():
+            changes.end()

@@ -15,7 +15,7 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from http.client import HTTPConnection
+from http.client import HTTPConnection, HTTPResponse
 from importlib.resources import files
 from pathlib import Path
 from queue import Empty, Queue
@@ -28,7 +28,7 @@ import pytest
 import shapely
 from commands import STRAIT, runner
 from map_page import Client, served_page
-from patience import killed_after
+from patience import killed_after, until
 from piecework import load
 from tiles import decode
 
@@ -38,8 +38,9 @@ from conflictdb.db import store
 from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError
 from conflictdb.map.guard import local_hosts
-from conflictdb.map.live import CONFLICTS, SceneChanges
+from conflictdb.map.live import CONFLICTS, OBJECTS, Listener, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer
+from conflictdb.map.views import MOST_VIEWS
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
@@ -383,9 +384,9 @@ def test_names_of_this_machine() -> None:
 
 def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
     """Any role may notify: an unreadable message must not end the listening thread."""
-    changes = SceneChanges("s", lambda: pytest.fail("it does not connect"))
-    assert changes._meaning("[" * 7_900) is None
-    assert changes._meaning('{"scene": "s"}') == CONFLICTS
+    changes = SceneChanges("s")
+    assert changes._meaning("[" * 7_900, writers_notify=True) is None
+    assert changes._meaning('{"scene": "s"}', writers_notify=True) == CONFLICTS
 
 
 def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -399,7 +400,8 @@ def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyP
             one.detect()
         heard: Queue[str] = Queue()
         listening = threading.Event()
-        changes = SceneChanges("branch", lambda: psycopg.connect(dsn))
+        changes = SceneChanges("branch")
+        listener = Listener(lambda: psycopg.connect(dsn), lambda: [changes])
         monkeypatch.setattr(changes, "publish", heard.put)
         sees = changes._sees
 
@@ -409,18 +411,57 @@ def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyP
             return seen
 
         monkeypatch.setattr(changes, "_sees", sees_now)
-        thread = threading.Thread(target=changes._listen)
+        thread = threading.Thread(target=listener.listen)
         thread.start()
         try:
             assert listening.wait(30.0)
+            assert heard.get(timeout=30.0) == OBJECTS  # of the first connection
             other.detect(full=True)
             with pytest.raises(Empty):
                 heard.get(timeout=2.0)
             parent.detect(full=True)
             assert heard.get(timeout=30.0) == CONFLICTS
         finally:
-            changes.end()
+            listener.end()
             thread.join()
+
+
+def _stream(client: Client, scene: str) -> tuple[HTTPConnection, HTTPResponse]:
+    connection = HTTPConnection("127.0.0.1", client.url.port, timeout=30.0)
+    connection.request("GET", f"/api/events?scene={scene}", headers={"Host": client.host})
+    return connection, connection.getresponse()
+
+
+def test_streams_of_many_scenes_share_one_connection_and_end_with_their_pages(strait: Client, dsn: str) -> None:
+    """Sixteen scenes at most, of any name; the seventeenth is refused until a page goes."""
+    ours = "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+    strait.read("/api/scene")
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        before = conn.execute(ours).fetchall()
+        streams = [_stream(strait, f"scene-{n}") for n in range(MOST_VIEWS)]
+        again = _stream(strait, "scene-0")
+        try:
+            for _, answer in [*streams, again]:
+                assert (answer.status, answer.readline()) == (200, b"retry: 1000\n")
+            for n in range(5):
+                status, body, _ = strait.ask("GET", f"/api/events?scene=more-{n}")
+                assert (status, json.loads(body)) == (
+                    503,
+                    {"error": "pages show 16 scenes already, the most of one server: close those of one of them"},
+                )
+            assert conn.execute(ours).fetchall() == before
+        finally:
+            for connection, answer in [*streams, again]:
+                answer.close()
+                connection.close()
+        until(lambda: strait.ask("GET", "/api/scene?scene=strait")[0] == 200, what="streams stay after their pages")
+
+
+def test_a_view_that_is_made_anew_has_another_version() -> None:
+    """So a page that was away while nobody listened reads everything again."""
+    first = SceneChanges("s").version
+    time.sleep(0.002)
+    assert SceneChanges("s").version > first
 
 
 def test_a_host_that_is_no_name_is_refused(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
