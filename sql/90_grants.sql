@@ -41,6 +41,16 @@ GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reade
 GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, request_plans_probe, wait_for_probe,
     wait_for_plans_probe, request_delays, wait_for_delays, _request, _request_probe, _wait_for_probe, _await_answer, _prune_probes, _notify, _wake_workers TO conflictdb_reader;
 
+-- A restore into a server without the roles loses this grant of 42_attach.sql.
+DO $$
+BEGIN
+    IF EXISTS (SELECT FROM pg_catalog.pg_namespace n
+               WHERE n.nspname = 'conflictdb_attached' AND n.nspowner = current_user::regrole) THEN
+        GRANT USAGE, CREATE ON SCHEMA conflictdb_attached TO conflictdb_editor;
+    END IF;
+END
+$$;
+
 -- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.db.schema.missing_grants
 -- reports that. In an extension script the grant would make all grants on that schema part of the extension, which
 -- dumps omit; so there is only a warning.

@@ -48,6 +48,48 @@ _FROM_BEFORE_RELEASE: Final = (
     "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
     "EXTENSION conflictdb), then `conflictdb admin init`, and load them"
 )
+# A hash of the rights of our roles and of everybody, and of the policies. A restore into a server without the roles
+# loses them, and the comment that holds the hash stays.
+_RIGHTS: Final = """
+SELECT pg_catalog.md5(coalesce(pg_catalog.string_agg(r.line, E'\\n' ORDER BY r.line COLLATE "C"), ''))
+FROM (
+    WITH ours AS (
+        SELECT n.oid FROM pg_catalog.pg_namespace n
+        WHERE n.nspname IN ('conflictdb'::name, 'conflictdb_internal'::name)
+    ), granted AS (
+        SELECT n.nspname::text AS name, coalesce(n.nspacl, acldefault('n'::"char", n.nspowner)) AS acl
+        FROM pg_catalog.pg_namespace n WHERE n.oid IN (SELECT o.oid FROM ours o)
+        UNION ALL
+        SELECT c.relname::text, coalesce(c.relacl, acldefault(CASE c.relkind WHEN 'S'::"char" THEN 's'::"char"
+                                                              ELSE 'r'::"char" END, c.relowner))
+        FROM pg_catalog.pg_class c
+        WHERE c.relnamespace IN (SELECT o.oid FROM ours o) AND c.relkind::text IN ('r'::text, 'v'::text, 'S'::text)
+        UNION ALL
+        SELECT pg_catalog.concat_ws('.'::text, c.relname, a.attname), a.attacl
+        FROM pg_catalog.pg_attribute a JOIN pg_catalog.pg_class c ON c.oid = a.attrelid
+        WHERE c.relnamespace IN (SELECT o.oid FROM ours o) AND a.attacl IS NOT NULL AND NOT a.attisdropped
+        UNION ALL
+        SELECT pg_catalog.concat_ws('/'::text, p.proname, p.pronargs), coalesce(p.proacl,
+               acldefault('f'::"char", p.proowner))
+        FROM pg_catalog.pg_proc p
+        WHERE p.pronamespace IN (SELECT o.oid FROM ours o) AND p.proname::text !~ '^_note_[0-9]+$'::text
+    )
+    SELECT pg_catalog.concat_ws(' '::text, g.name, coalesce(m.rolname::text, 'public'::text), x.privilege_type) AS line
+    FROM granted g CROSS JOIN LATERAL pg_catalog.aclexplode(g.acl) x
+    LEFT JOIN pg_catalog.pg_roles m ON m.oid = x.grantee
+    WHERE x.grantee = 0::oid
+       OR m.rolname IN ('conflictdb_reader'::name, 'conflictdb_editor'::name, 'conflictdb_worker'::name)
+    UNION ALL
+    SELECT pg_catalog.concat_ws(' '::text, c.relname, p.polname, p.polcmd,
+                                ARRAY(SELECT m.rolname FROM pg_catalog.pg_roles m WHERE m.oid = ANY (p.polroles)
+                                      ORDER BY m.rolname)::text)
+    FROM pg_catalog.pg_policy p JOIN pg_catalog.pg_class c ON c.oid = p.polrelid
+    WHERE c.relnamespace IN (SELECT o.oid FROM ours o)
+) r"""
+_MAY_READ: Final = """
+SELECT has_schema_privilege(r.oid, 'conflictdb', 'USAGE')
+       AND EXISTS (SELECT FROM pg_catalog.pg_policy p WHERE p.polrelid = 'conflictdb.scene'::regclass)
+FROM pg_catalog.pg_roles r WHERE r.rolname = 'conflictdb_reader'"""
 # Takes private routines out of the extension, so that they can be dropped.
 _RELEASE: Final = """
 DO $$
@@ -281,11 +323,16 @@ def _changes_answers(name: str) -> bool:
 
 
 def comment_sql() -> str:
-    """Return the statement that records in the database the hash of this program's routines."""
-    return (
-        "COMMENT ON TABLE conflictdb.alembic_version IS "
-        f"'Revision of the structure. Routines: SHA-256 {routines_sha256()}';\n"
-    )
+    """Return the statement that records in the database its rights, and the hash of this program's routines."""
+    return f"""
+DO $conflictdb$
+BEGIN
+    EXECUTE pg_catalog.format('COMMENT ON TABLE conflictdb.alembic_version IS %L',
+        'Revision of the structure. Rights: MD5 '::text || ({_RIGHTS})
+        || '. Routines: SHA-256 {routines_sha256()}'::text);
+END
+$conflictdb$;
+"""
 
 
 def revision(conn: psycopg.Connection[Any]) -> str | None:
@@ -314,9 +361,16 @@ def check(conn: psycopg.Connection[Any]) -> None:
     with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
         armed = _triggers_armed(conn, triggers)
+        usable = _one(conn, _MAY_READ)
     if applied != routines:
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
+            "`conflictdb admin upgrade`"
+        )
+    if usable is not True:
+        raise SchemaOutdated(
+            f"database {conn.info.dbname!r} lacks the rights and policies of schema conflictdb: a restore into a "
+            "server without the roles conflictdb_reader, conflictdb_editor and conflictdb_worker loses them; run "
             "`conflictdb admin upgrade`"
         )
     if not armed:
@@ -341,7 +395,7 @@ def upgrade(dsn: str) -> str:
         if found is not None:
             _check_known(found, conn.info.dbname)
         _refuse_foreign_schema(conn)
-        if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn, _triggers()):
+        if found == head() and _is_complete(conn):
             return found
         store.require_writable(conn)
         if found is not None:
@@ -365,8 +419,8 @@ def upgrade(dsn: str) -> str:
             except sqlalchemy.exc.DBAPIError as error:
                 raise (error.orig or error) from error
         with store.translated(), store.connect(dsn) as conn:
-            # The structure was already at head, but routines or triggers differed.
-            if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn, _triggers()):
+            # The structure was already at head, but routines, triggers or rights differed.
+            if not _is_complete(conn):
                 prepare(conn)
                 apply_routines(conn)
             return str(revision(conn))
@@ -541,9 +595,22 @@ def _triggers_armed(conn: psycopg.Connection[Any], triggers: int) -> bool:
     return armed == triggers
 
 
+def _is_complete(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether the routines are those of this program, and triggers and rights as they were then."""
+    return (
+        _applied_sha256(conn) == routines_sha256()
+        and _triggers_armed(conn, _triggers())
+        and _one(conn, _MAY_READ) is True
+        and f"Rights: MD5 {_one(conn, _RIGHTS)}." in _comment(conn)
+    )
+
+
 def _applied_sha256(conn: psycopg.Connection[Any]) -> str:
-    comment = _one(conn, "SELECT obj_description(to_regclass('conflictdb.alembic_version'), 'pg_class')")
-    return str(comment).rpartition(" ")[2]
+    return _comment(conn).rpartition(" ")[2]
+
+
+def _comment(conn: psycopg.Connection[Any]) -> str:
+    return str(_one(conn, "SELECT obj_description(to_regclass('conflictdb.alembic_version'), 'pg_class')"))
 
 
 def _set_search_path(conn: psycopg.Connection[Any]) -> None:
