@@ -5,6 +5,7 @@ Host (another site's name that resolves to this address: DNS rebinding), by Orig
 this server may use the answers. Writing requests also need a secret that only such a page can read.
 """
 
+import hmac
 import secrets
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
@@ -46,17 +47,23 @@ class Access:
 
     hosts : allowed Host headers, lower case; not checked on a server with a `token`, which others reach
     token : opens the page from other machines; None: only this machine has access
+    port : of the server
     secret : required in writing requests; the page reads it from the server
     """
 
     hosts: frozenset[str]
     token: str | None
+    port: int = HTTP_PORT
     secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
     @property
     def cookie(self) -> str:
-        """The name of the cookie that stores the token."""
-        return "conflictdb_map"
+        """The name of the cookie that admits a client: cookies are shared by all ports of a host."""
+        return f"conflictdb_map_{self.port}"
+
+    def pass_of(self, client: str) -> str:
+        """Return the cookie's value for a client's address: servers at other ports receive it, and cannot use it."""
+        return hmac.digest((self.token or "").encode(), client.encode(), "sha256").hex()
 
 
 def local_hosts(port: int, *more: str) -> frozenset[str]:
@@ -91,7 +98,10 @@ class Guard:
                 sent = MutableHeaders(scope=message)
                 sent.update(_HEADERS)
                 if brings:
-                    sent.append("Set-Cookie", f"{self._access.cookie}={self._access.token}; HttpOnly; SameSite=Strict")
+                    sent.append(
+                        "Set-Cookie",
+                        f"{self._access.cookie}={self._access.pass_of(_client(scope))}; HttpOnly; SameSite=Strict",
+                    )
             await send(message)
 
         answer = self._app if refusal is None else JSONResponse({"error": refusal}, 403)
@@ -111,7 +121,7 @@ class Guard:
             return "another site asks"
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not is_link:
             return "another site asks"
-        if access.token is not None and not (self._brings_token(scope) or self._holds_token(headers)):
+        if access.token is not None and not (self._brings_token(scope) or self._holds_pass(scope, headers)):
             return "open the address that `conflictdb map` printed, with its token"
         if scope["method"] not in ("GET", "HEAD"):
             return self._refusal_to_change(headers)
@@ -130,10 +140,16 @@ class Guard:
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         return secrets.compare_digest(given.encode(), self._access.token.encode())
 
-    def _holds_token(self, headers: Headers) -> bool:
+    def _holds_pass(self, scope: Scope, headers: Headers) -> bool:
         try:
             morsel = SimpleCookie(headers.get("cookie", "")).get(self._access.cookie)
         except CookieError:
             return False
         given = morsel.value if morsel else ""
-        return secrets.compare_digest(given.encode(), (self._access.token or "").encode())
+        return secrets.compare_digest(given.encode(), self._access.pass_of(_client(scope)).encode())
+
+
+def _client(scope: Scope) -> str:
+    """Return the address of the client, without its port."""
+    client = scope.get("client")
+    return str(client[0]) if client else ""

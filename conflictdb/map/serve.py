@@ -38,9 +38,10 @@ class PageServer(uvicorn.Server):
         bound, port = self._listener.getsockname()[:2]
         host = host or bound
         token = None if _is_local(bound) else secrets.token_urlsafe(24)
-        shown = f"[{host}]" if ":" in host else host
+        reached = _outward(bound) or host
+        shown = f"[{reached}]" if ":" in reached else reached
         self.address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
-        app = application(scene, connect, Access(local_hosts(port, host, bound), token))
+        app = application(scene, connect, Access(local_hosts(port, host, bound), token, port))
         self._end_streams = app.state.views.end
         super().__init__(
             uvicorn.Config(
@@ -81,6 +82,21 @@ def _is_local(bound: str) -> bool:
     """Return whether an address is a loopback address; IPv4-mapped IPv6 addresses do not count."""
     address = ipaddress.ip_address(bound)
     return address.is_loopback and getattr(address, "ipv4_mapped", None) is None
+
+
+def _outward(bound: str) -> str | None:
+    """Return where other machines reach a server that listens at all addresses; None for one that does not."""
+    address = ipaddress.ip_address(bound)
+    if not address.is_unspecified:
+        return None
+    family, somewhere = (socket.AF_INET, "192.0.2.1") if address.version == 4 else (socket.AF_INET6, "2001:db8::1")
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((somewhere, 9))  # sends nothing: the system chooses the address
+            found = str(probe.getsockname()[0])
+        except OSError:
+            found = ""
+    return found if found and not ipaddress.ip_address(found).is_loopback else socket.gethostname()
 
 
 def _listening(host: str, ports: range) -> socket.socket:

@@ -347,7 +347,16 @@ def test_elsewhere_the_page_needs_its_token(dsn: str, conn: psycopg.Connection[A
         assert client.ask("GET", "/api/scene?token=" + token)[0] == 403  # it opens the page alone
         status, _, headers = client.ask("GET", "/?token=" + token, Host="ship.example:80")
         assert status == 200
+        assert client.url.hostname not in ("0.0.0.0", "::")  # noqa: S104 (another machine can open it)
         cookie, *attributes = headers["Set-Cookie"].split("; ")
+        # Servers at other ports of the host receive the cookie: it has another name there, and admits only this client.
+        assert cookie.startswith(f"conflictdb_map_{client.url.port}=")
+        assert token not in cookie
+        for source, path, expected in [("127.0.0.2", "/api/scene", 403), ("127.0.0.2", "/?token=" + token, 200)]:
+            other = HTTPConnection("127.0.0.1", client.url.port or 0, source_address=(source, 0))
+            other.request("GET", path, headers={"Cookie": cookie})
+            assert other.getresponse().status == expected
+            other.close()
         assert sorted(attributes) == ["HttpOnly", "SameSite=Strict"]
         assert client.ask("GET", "/api/scene", Cookie=cookie, Host="ship.example:80")[0] == 200
         assert client.ask("GET", "/api/scene", Cookie=cookie, Origin="http://evil.example")[0] == 403
