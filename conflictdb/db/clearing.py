@@ -19,8 +19,9 @@ def resolve(
 
     compute : called with tracks, areas and settings
 
-    Raises InvalidInput if the scene does not exist, or changes meanwhile.
+    Raises InvalidInput if the scene does not exist, or changes meanwhile, ReadOnlyDatabase on a standby.
     """
+    store.require_writable(conn)  # before the search, which may take minutes
     with store.snapshot(conn):
         scene_id = store.scene_id(conn, scene)
         basis = store.proposal_basis(conn, scene_id)

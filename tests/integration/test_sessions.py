@@ -240,10 +240,22 @@ def test_a_hot_standby_is_read_and_says_what_it_is(
     assert run("conflicts", "--scene", "strait").out.count("\n") == 8
     assert "strait" in run("status").out
     assert run("export", "--scene", "strait", tmp_path / "strait.geojson").code == DONE
-    for words in (["detect", "--scene", "strait"], ["load", STRAIT], ["worker"], ["worker", "--once"], ["demo"]):
+    for words in (
+        *(["detect", "--scene", "strait"], ["load", STRAIT], ["worker"], ["worker", "--once"], ["demo"]),
+        ["resolve", "--scene", "strait"],
+    ):
         done = run(*words)
         assert (done.code, done.err.count("\n")) == (FAILED, 1), done.err
         assert "is a hot standby, which takes no changes: connect to the primary server" in done.err
+    with connect(dsn) as db:
+        for write in (
+            lambda: db.scene("strait").rename("other"),
+            lambda: db.scene("strait").branch("b"),
+            lambda: db.scene("strait").delete(),
+        ):
+            with pytest.raises(ReadOnlyDatabase, match="; connect to the primary server, or turn off") as refused:
+                write()
+            assert "SQLSTATE" not in str(refused.value)
     done = runner(empty, capsys)("admin", "init")
     assert (done.code, done.err.count("\n")) == (FAILED, 1)
     assert "is a hot standby" in done.err

@@ -426,7 +426,10 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
     said = with_remedy(error.diag) or str(error).strip()  # errors of the client have no diagnostic
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
-        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {said}{where}")
+        return ReadOnlyDatabase(
+            f"the database takes no changes in this transaction: {said}; connect to the primary server, or"
+            " turn off the setting that makes transactions read-only"
+        )
     message = f"database: {said}{where}"
     if isinstance(error, psycopg.errors.InsufficientPrivilege):
         # Errors of sql/10_refusals.sql name their subject and the remedy themselves.
