@@ -3,6 +3,10 @@
 -- branch_edit lists the keys that differ: an edited key is read from the branch, or is gone there. A branch of 50,000
 -- objects therefore takes the space of its edits. It follows its parent: what the parent changes, the branch shows,
 -- unless it has edited it too. A question that does not read branches refuses them (_scene_id).
+--
+-- A branch locks no row of its parent, and nobody who works on the parent waits for a lock of a branch: its role may be
+-- one that only reads the parent. So a branch may miss a change of the parent that commits at the same time, or that
+-- finds the branch locked. Then it is not current (_is_behind_parent), and its next detection follows first.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._parent_of(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -10,6 +14,127 @@ BEGIN ATOMIC
     SELECT s.parent_scene_id FROM scene s WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _parent_of(bigint) IS 'Returns the parent of a branch; null for any other scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._unseen_hidden(p_branch_id bigint, p_parent_id bigint)
+RETURNS TABLE (object_kind smallint, object_id bigint)
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+SET search_path = conflictdb, conflictdb_internal, pg_temp SET enable_seqscan = off SET jit = off AS $$
+#variable_conflict use_column
+BEGIN
+    RETURN QUERY
+    SELECT o.object_kind, o.object_id
+    FROM branch_edit e
+    JOIN object_key k ON k.scene_id = p_parent_id AND k.key = e.key
+    CROSS JOIN LATERAL _object_with(p_parent_id, e.key) o
+    WHERE e.scene_id = p_branch_id AND e.object_id IS NULL
+      AND EXISTS (SELECT FROM conflict c WHERE c.scene_id = p_branch_id
+                    AND (c.a_key = e.key AND c.a_kind = o.object_kind AND c.a_id = o.object_id
+                         OR c.b_key = e.key AND c.b_kind = o.object_kind AND c.b_id = o.object_id));
+END
+$$;
+COMMENT ON FUNCTION _unseen_hidden(bigint, bigint) IS
+'Objects that a parent got while its branch put their keys, and that still have conflicts in the branch.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_behind_parent(p_scene_id bigint) RETURNS boolean
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    c_own CONSTANT text[] := '{name,delays_within_s}';
+    v_parent_id bigint := _parent_of(p_scene_id);
+BEGIN
+    IF v_parent_id IS NULL THEN
+        RETURN false;
+    END IF;
+    RETURN NOT EXISTS (SELECT FROM scene b JOIN scene p ON p.scene_id = b.parent_scene_id
+                       WHERE b.scene_id = p_scene_id AND _settings_of(b) - c_own = _settings_of(p) - c_own)
+           OR (SELECT array_agg(r::text ORDER BY r::text) FROM jsonb_array_elements(_rules_of(p_scene_id)) r)
+              IS DISTINCT FROM
+              (SELECT array_agg(r::text ORDER BY r::text) FROM jsonb_array_elements(_rules_of(v_parent_id)) r)
+           OR EXISTS (SELECT FROM _unseen_hidden(p_scene_id, v_parent_id));
+END
+$$;
+COMMENT ON FUNCTION _is_behind_parent(bigint) IS
+'Whether a branch has missed a change of its parent, or has lost it; false for any other scene. _follow_parent mends '
+'it.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._follow_parent(p_branch_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_branch_id);
+BEGIN
+    IF _is_behind_parent(p_branch_id) AND EXISTS (SELECT FROM scene p WHERE p.scene_id = v_parent_id) THEN
+        -- _as_branch copies the settings. Of a column without a unique index: the name would exclude foreign keys.
+        UPDATE scene b SET motion = b.motion WHERE b.scene_id = p_branch_id;
+        PERFORM _put_rules(p_branch_id, _rules_of(v_parent_id), true);
+        INSERT INTO change (scene_id, object_kind, object_id, version)
+            SELECT p_branch_id, o.object_kind, o.object_id, nextval('version_seq')
+            FROM _unseen_hidden(p_branch_id, v_parent_id) o;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _follow_parent(bigint) IS
+'Gives a branch the settings and rules of its parent; marks what they change, and objects of the parent that it hides.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._at_once(p_branch_id bigint, p_is_removal boolean) RETURNS boolean
+LANGUAGE plpgsql VOLATILE STRICT SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    c_wait CONSTANT text := '20ms';
+    v_lock_timeout text := current_setting('lock_timeout');
+BEGIN
+    PERFORM set_config('lock_timeout', c_wait, true);
+    IF p_is_removal THEN
+        DELETE FROM scene b WHERE b.scene_id = p_branch_id;
+    ELSE
+        PERFORM _follow_parent(p_branch_id);
+    END IF;
+    PERFORM set_config('lock_timeout', v_lock_timeout, true);
+    RETURN true;
+EXCEPTION WHEN lock_not_available OR serialization_failure THEN
+    RETURN false;
+END
+$$;
+COMMENT ON FUNCTION _at_once(bigint, boolean) IS
+'Removes a branch, or lets it follow its parent; does nothing and returns false if another session has locked it.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._settle_branches(p_parent_id bigint, p_is_removal boolean) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    -- Locked branches together delay their parent by no more.
+    c_most_locked CONSTANT integer := 10;
+    -- And many large ones by little more.
+    c_most CONSTANT interval := '0.5 s';
+    v_end timestamptz := clock_timestamp() + c_most;
+    v_locked integer := 0;
+    v_branch_id bigint;
+BEGIN
+    FOR v_branch_id IN SELECT b.scene_id FROM scene b WHERE b.parent_scene_id = p_parent_id ORDER BY 1 LOOP
+        EXIT WHEN v_locked >= c_most_locked OR clock_timestamp() > v_end;
+        v_locked := v_locked + (NOT _at_once(v_branch_id, p_is_removal))::integer;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _settle_branches(bigint, boolean) IS
+'Lets the branches of a scene follow it, or removes them; passes over those that other sessions have locked: their '
+'detections follow, and workers remove them.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._drop_orphans() RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    PERFORM _at_once(b.scene_id, true) FROM scene b
+        WHERE b.parent_scene_id IS NOT NULL
+          AND NOT EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id);
+    -- Marks have no foreign key, which would lock the scene.
+    DELETE FROM change m WHERE m.scene_id IN (
+        WITH RECURSIVE marked AS (
+            SELECT min(c.scene_id) AS scene_id FROM change c
+            UNION ALL
+            SELECT (SELECT min(c.scene_id) FROM change c WHERE c.scene_id > k.scene_id) FROM marked k
+            WHERE k.scene_id IS NOT NULL
+        )
+        SELECT k.scene_id FROM marked k WHERE NOT EXISTS (SELECT FROM scene s WHERE s.scene_id = k.scene_id));
+END
+$$;
+COMMENT ON FUNCTION _drop_orphans() IS
+'Removes branches and marks that were in use when their scene was removed.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._layers(p_scene_id bigint) RETURNS bigint[]
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
@@ -107,15 +232,6 @@ BEGIN
         RETURN NEW;
     END IF;
     SELECT o.* INTO NEW.object_kind, NEW.object_id, NEW.version FROM _object_with(v_parent_id, NEW.key) o;
-    IF NEW.object_id IS NULL AND v_parent_id IS NOT NULL THEN
-        -- A session that puts the key into the parent waits until this edit is seen, or came first.
-        INSERT INTO object_key (scene_id, key, object_kind) VALUES (v_parent_id, NEW.key, 0) ON CONFLICT DO NOTHING;
-        IF FOUND THEN
-            DELETE FROM object_key k WHERE k.scene_id = v_parent_id AND k.key = NEW.key;
-        ELSE
-            SELECT o.* INTO NEW.object_kind, NEW.object_id, NEW.version FROM _object_with(v_parent_id, NEW.key) o;
-        END IF;
-    END IF;
     RETURN NEW;
 END
 $$;

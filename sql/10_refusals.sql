@@ -42,7 +42,8 @@ DECLARE
     v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
     v_known text;
 BEGIN
-    IF v_scene_id IS NULL THEN
+    IF v_scene_id IS NULL OR EXISTS (SELECT FROM scene b WHERE b.scene_id = v_scene_id AND b.parent_scene_id IS NOT NULL
+                                     AND NOT EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id)) THEN
         SELECT string_agg(quote_literal(k.name), ', ' ORDER BY k.name)
             INTO v_known FROM (SELECT s.name FROM scene s ORDER BY s.name LIMIT 20) k;
         FOUND := _raise('ZC010', format('scene %L', p_scene), 'name',

@@ -102,7 +102,7 @@ COMMENT ON FUNCTION _side_name(text) IS
 'A side of a rule in _rule_names: k and the number of a kind, the number of a class, nothing for any.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._rule_names(p_scene_id bigint) RETURNS jsonb
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET jit = off AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
 BEGIN
     RETURN (SELECT coalesce(jsonb_object_agg(n.pair, n.allowed), '{}')
             FROM (SELECT o.pair, bool_and(r.allowed) AS allowed
@@ -121,7 +121,8 @@ BEGIN
                 THEN _rule_names(p_scene_id) END;
 END
 $$;
-COMMENT ON FUNCTION _allowed_types(bigint) IS '_rule_names of a scene for _are_compared; null if no rule allows any pair.';
+COMMENT ON FUNCTION _allowed_types(bigint) IS
+'_rule_names of a scene for _are_compared; null if no rule allows any pair.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._are_compared(
     p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint,
@@ -139,7 +140,8 @@ BEGIN ATOMIC
                    least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/'))::boolean END,
                          CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/'))::boolean END),
                    (p_rules -> ('k' || p_a_kind || '/k' || p_b_kind))::boolean,
-                   least((p_rules -> ('k' || p_a_kind || '/'))::boolean, (p_rules -> ('k' || p_b_kind || '/'))::boolean),
+                   least((p_rules -> ('k' || p_a_kind || '/'))::boolean,
+                         (p_rules -> ('k' || p_b_kind || '/'))::boolean),
                    false));
 END;
 COMMENT ON FUNCTION _are_compared(smallint, bigint, bigint, smallint, bigint, bigint, jsonb) IS

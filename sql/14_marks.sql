@@ -138,7 +138,7 @@ LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflic
 BEGIN
     PERFORM _mark_all(NEW.scene_id);
     -- Its branches follow (_as_branch).
-    UPDATE scene b SET name = b.name WHERE b.parent_scene_id = NEW.scene_id;
+    PERFORM _settle_branches(NEW.scene_id, false);
     PERFORM _wake_workers();
     RETURN NULL;
 END

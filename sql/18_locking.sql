@@ -97,7 +97,12 @@ COMMENT ON FUNCTION _scene_holders(bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
-    -- No foreign keys: they would cost more than writing a conflict or piece.
+    -- No foreign keys: they would cost more than writing a conflict or piece, or let readers lock the scene.
+    DELETE FROM change m WHERE m.scene_id = OLD.scene_id;
+    DELETE FROM probe_request p
+        USING (SELECT x.probe_id FROM probe_request x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
+        WHERE p.probe_id = free.probe_id;
+    PERFORM _settle_branches(OLD.scene_id, true);
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
     DELETE FROM difference d WHERE d.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
@@ -113,9 +118,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: deletes conflicts, differences, events, pieces and the locks of a removed scene. Skips a lock that is held, '
-'which is harmless, as scene ids are never reused. Runs as its owner: editors cannot write these tables. Restricted to '
-'the scene that was removed.';
+'Trigger: deletes marks, requests, branches, conflicts, differences, events, pieces and locks of a removed scene. '
+'Skips a branch, request or lock that is held, which is harmless, as scene ids are never reused. Runs as its owner: '
+'editors cannot write these tables. Restricted to the scene that was removed.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

@@ -14,17 +14,22 @@ SELECT a.scene_id, a.may_write, a.is_owner
 FROM (SELECT s.scene_id, true AS may_write, true AS is_owner
       FROM scene s WHERE s.owner IN (SELECT m.role FROM _my_role m)
       UNION ALL
+      -- Branches of its own scenes, also of roles that may no longer read them.
+      SELECT b.scene_id, true, true
+      FROM scene p JOIN scene b ON b.parent_scene_id = p.scene_id WHERE p.owner IN (SELECT m.role FROM _my_role m)
+      UNION ALL
       SELECT h.scene_id, h.may_write, false
       FROM scene_share h WHERE h.role IN (SELECT m.role FROM _my_role m)) a
 -- A branch that showed no objects of its parent would answer from a part.
-WHERE NOT EXISTS (SELECT FROM scene b JOIN scene p ON p.scene_id = b.parent_scene_id
-                  WHERE b.scene_id = a.scene_id AND NOT (
+WHERE NOT EXISTS (SELECT FROM scene b LEFT JOIN scene p ON p.scene_id = b.parent_scene_id
+                  WHERE b.scene_id = a.scene_id AND b.parent_scene_id IS NOT NULL AND NOT (
                       p.owner IN (SELECT m.role FROM _my_role m)
                       OR EXISTS (SELECT FROM scene_share h WHERE h.scene_id = p.scene_id
                                  AND h.role IN (SELECT m.role FROM _my_role m))) IS TRUE)
 OFFSET 0;
 COMMENT ON VIEW _accessible IS
-'Scenes that the current role owns or that are shared with it; branches if it may read the parent, too.';
+'Scenes that the current role owns or that are shared with it; branches if it may read the parent, too; all branches '
+'of scenes that it owns.';
 COMMENT ON COLUMN _accessible.scene_id IS 'Scene.';
 COMMENT ON COLUMN _accessible.may_write IS 'Whether the role may change it.';
 COMMENT ON COLUMN _accessible.is_owner IS 'Whether the role owns it.';

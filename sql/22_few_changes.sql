@@ -7,11 +7,13 @@ LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_parent_id bigint := _parent_of(p_scene_id);
 BEGIN
-    RETURN v_parent_id IS NOT NULL AND (NOT _is_current(v_parent_id) OR _schedules_wait(v_parent_id));
+    RETURN v_parent_id IS NOT NULL AND (NOT _is_current(v_parent_id) OR _schedules_wait(v_parent_id)
+                                       OR _is_behind_parent(p_scene_id));
 END
 $$;
 COMMENT ON FUNCTION _parent_waits(bigint) IS
-'Whether the parent of a branch waits for a detection, which then comes first. False for any other scene.';
+'Whether the parent of a branch waits for a detection, which then comes first, or the branch has to follow it '
+'(_is_behind_parent). False for any other scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._parent_name(p_scene_id bigint) RETURNS text
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -151,13 +151,15 @@ BEGIN
     END IF;
     FOR v_scene_id IN SELECT DISTINCT r.scene_id FROM unnest(v_rules) r ORDER BY 1 LOOP
         -- The check sees rules of other sessions, and a proposal is applied under the rules that it was computed with.
-        -- An update, so that sessions with older snapshots fail, which would make a branch without these rules.
-        UPDATE scene s SET name = s.name WHERE s.scene_id = v_scene_id;
+        -- An update, so that sessions with older snapshots fail. Of a column without a unique index: the name would
+        -- exclude foreign keys.
+        UPDATE scene s SET motion = s.motion WHERE s.scene_id = v_scene_id;
         PERFORM _check_rules(v_scene_id);
         SELECT coalesce(jsonb_agg(to_jsonb(r) - '{rule_id,scene_id}'::text[]), '[]') INTO v_all
             FROM rule r WHERE r.scene_id = v_scene_id;
         v_parent_id := _parent_of(v_scene_id);
-        IF v_parent_id IS NOT NULL AND NOT (
+        -- Rules that a trigger puts are those of the parent, as it was.
+        IF v_parent_id IS NOT NULL AND pg_trigger_depth() = 1 AND NOT (
             v_all @> (SELECT coalesce(jsonb_agg(to_jsonb(r) - '{rule_id,scene_id}'::text[]), '[]')
                       FROM rule r WHERE r.scene_id = v_parent_id)
             AND jsonb_array_length(v_all) = (SELECT count(*) FROM rule r WHERE r.scene_id = v_parent_id))
@@ -165,7 +167,7 @@ BEGIN
             FOUND := _raise('ZC020', format('scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = v_scene_id)),
                             'rules', 'are those of its parent', 'branch_rules', 'Change those: its branches follow.');
         END IF;
-        PERFORM _put_rules(b.scene_id, v_all, true) FROM scene b WHERE b.parent_scene_id = v_scene_id;
+        PERFORM _settle_branches(v_scene_id, false);
     END LOOP;
     PERFORM _mark_side(m.scene_id, m.side, m.other)
         FROM (SELECT r.scene_id, r.a_class AS side, r.b_class AS other FROM unnest(v_rules) r
@@ -245,10 +247,17 @@ COMMENT ON FUNCTION _put_rules(bigint, jsonb, boolean) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_branch() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    -- Each detection of the parent starts one of each branch.
+    c_most CONSTANT integer := 20;
 BEGIN
-    -- Changes nothing: sessions that change the parent wait, or came first, or fail if they have an older snapshot.
-    UPDATE scene p SET name = p.name WHERE p.scene_id = NEW.parent_scene_id;
-    UPDATE scene b SET name = b.name WHERE b.scene_id = NEW.scene_id;
+    IF (SELECT count(*) FROM scene b WHERE b.parent_scene_id = NEW.parent_scene_id
+                                       AND b.owner IS NOT DISTINCT FROM NEW.owner) > c_most THEN
+        FOUND := _raise('ZC017', format('scene %L', NEW.name), 'branches',
+                        format('of one role are at most %s of each scene', c_most), 'branches_few',
+                        'Drop or merge one.');
+    END IF;
+    -- Without a lock of the parent: a change that commits meanwhile leaves the branch behind (_is_behind_parent).
     PERFORM _put_rules(NEW.scene_id, _rules_of(NEW.parent_scene_id), true);
     RETURN NULL;
 END

@@ -39,7 +39,9 @@ COMMENT ON FUNCTION _open_attached_schema() IS
 'as the owner of conflictdb, who will own the schema. Restricted to this one schema.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._close_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
+-- Who attaches a table meanwhile locks the schema.
+SET lock_timeout = '20ms' AS $$
 BEGIN
     -- Keep a schema that another role owns.
     IF EXISTS (SELECT FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
@@ -47,8 +49,8 @@ BEGIN
                      AND a.nspowner IN (n.nspowner, current_user::regrole)) THEN
         DROP SCHEMA conflictdb_attached;
     END IF;
-EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name THEN
-    NULL; -- Other tables are attached.
+EXCEPTION WHEN dependent_objects_still_exist OR invalid_schema_name OR lock_not_available THEN
+    NULL; -- Other tables are attached, or just being.
 END
 $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
@@ -61,7 +63,8 @@ DECLARE
     v_routine regprocedure;
 BEGIN
     IF p_attachment_id IS DISTINCT FROM currval('attachment_attachment_id_seq')
-       OR NOT EXISTS (SELECT FROM attachment a WHERE a.attachment_id = p_attachment_id AND a.identity_columns = '{}') THEN
+       OR NOT EXISTS (SELECT FROM attachment a
+                      WHERE a.attachment_id = p_attachment_id AND a.identity_columns = '{}') THEN
         RETURN;
     END IF;
     FOR v_routine IN SELECT p.oid FROM pg_catalog.pg_proc p JOIN pg_catalog.pg_namespace n ON n.oid = p.pronamespace

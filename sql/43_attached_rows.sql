@@ -45,8 +45,8 @@ BEGIN
     END IF;
     IF v_attachment_id IS NOT NULL THEN
         FOUND := _raise('42501', format('attachment %s', v_attachment_id), TG_TABLE_NAME,
-                        format('is written by role %I alone, which attached the table', _attaching_role(v_attachment_id)),
-                        'attached_by_role');
+                        format('is written by role %I alone, which attached the table',
+                               _attaching_role(v_attachment_id)), 'attached_by_role');
     END IF;
     RETURN NULL;
 END

@@ -331,10 +331,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
-    v_branch_id bigint;
     v_early bigint[];
-    v_is_missed boolean := false;
-    v_mark record;
     -- Above this number of marks, counting all conflicts of the scene is cheap by comparison.
     c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
@@ -503,7 +500,6 @@ WITH member AS MATERIALIZED (
                        AND r.run_id < _write_run.run_id) INTO v_is_first;
     -- Whoever detects its parent marks only the objects that it sees (below); and voyages of marks expand schedules.
     v_early := _compared_early(p_scene_id);
-    SELECT m.object_kind, m.object_id INTO v_mark FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT 1;
     DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
     GET DIAGNOSTICS v_marks = ROW_COUNT;
     IF EXISTS (SELECT FROM change c WHERE c.scene_id = _parent_of(p_scene_id)) THEN
@@ -517,19 +513,7 @@ WITH member AS MATERIALIZED (
     END IF;
     IF v_marks > 0 THEN
         -- Its branches compare their objects with the changed ones.
-        FOR v_branch_id IN SELECT b.scene_id FROM scene b WHERE b.parent_scene_id = p_scene_id LOOP
-            BEGIN
-                PERFORM _mark_all(v_branch_id);
-            EXCEPTION WHEN serialization_failure THEN
-                -- The foreign key to its row fails: it was merged or dropped since the snapshot, or renamed. A renamed
-                -- branch still waits: another detection of this scene will see it.
-                v_is_missed := true;
-            END;
-        END LOOP;
-        IF v_is_missed THEN
-            INSERT INTO change (scene_id, object_kind, object_id, version)
-                VALUES (p_scene_id, v_mark.object_kind, v_mark.object_id, nextval('version_seq'));
-        END IF;
+        PERFORM _mark_all(b.scene_id) FROM scene b WHERE b.parent_scene_id = p_scene_id;
     END IF;
     IF v_is_first OR v_marks > c_few OR cardinality(v_layers) > 1 THEN
         SELECT n.conflicts, n.unresolved INTO conflicts, unresolved FROM _count_conflicts(p_scene_id) n;

@@ -17,6 +17,7 @@ BEGIN
                            WHERE a.scene_id = p_scene_id AND _attachment_remark(a) IS NOT NULL)
            -- A branch reads its parent.
            AND coalesce(_is_current(_parent_of(p_scene_id)), true)
+           AND NOT _is_behind_parent(p_scene_id)
            AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
                 OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
                    AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));

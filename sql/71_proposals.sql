@@ -203,10 +203,12 @@ BEGIN
     -- Who applies it reads the key, and the track or the rows of its attached table move.
     IF TG_TABLE_NAME = 'proposal_move'
        AND NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE')
-       AND NOT EXISTS (SELECT FROM track t, jsonb_populate_record(NULL::proposal_move, to_jsonb(NEW) - 'path' - 'planned')
-                       m WHERE t.track_id = m.track_id AND t.scene_id = m.scene_id AND t.key = m.key) THEN
+       AND NOT EXISTS (SELECT FROM jsonb_populate_record(NULL::proposal_move,
+                                                         to_jsonb(NEW) - '{path,planned}'::text[]) m
+                       JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id AND t.key = m.key) THEN
         FOUND := _raise('ZC011', format('proposal %s', NEW.proposal_id), 'moves',
-                        format('name track %L, which has another number', to_jsonb(NEW) ->> 'key'), 'proposal_of_track');
+                        format('name track %L, which has another number', to_jsonb(NEW) ->> 'key'),
+                        'proposal_of_track');
     END IF;
     RETURN NEW;
 END
@@ -279,8 +281,11 @@ BEGIN
     CROSS JOIN LATERAL (SELECT format('+ interval %L', round((m.delay_s * 1e6)::numeric)::bigint
                                       * CASE WHEN p_undo THEN -1 ELSE 1 END || ' microseconds') AS later) x
     LEFT JOIN pg_catalog.pg_attribute c
-        ON c.attrelid = to_regclass(format('%I.%I', a.table_schema, a.table_name)) AND c.attnum > 0
-           AND NOT c.attisdropped
+        -- By the catalogue: to_regclass raises an error for a schema that the role may not use.
+        ON c.attrelid = (SELECT r.oid FROM pg_catalog.pg_class r
+                         JOIN pg_catalog.pg_namespace n ON n.oid = r.relnamespace
+                         WHERE n.nspname = a.table_schema AND r.relname = a.table_name)
+           AND c.attnum > 0 AND NOT c.attisdropped
            AND a.map ->> CASE WHEN a.map ? 'times' THEN 'times' ELSE 'time' END IN (c.attname, quote_ident(c.attname))
     WHERE m.proposal_id = p_proposal_id
     ORDER BY m.key;

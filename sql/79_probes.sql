@@ -71,7 +71,11 @@ COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys and names of
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_probes() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
-    DELETE FROM probe_request p WHERE p.asked_at < now() - interval '1 hour';
+    -- Nobody waits for another who deletes them.
+    DELETE FROM probe_request p
+        USING (SELECT x.probe_id FROM probe_request x WHERE x.asked_at < now() - interval '1 hour'
+               FOR UPDATE SKIP LOCKED) free
+        WHERE p.probe_id = free.probe_id;
 END
 $$;
 COMMENT ON FUNCTION _prune_probes() IS
@@ -635,6 +639,7 @@ BEGIN
     RETURN QUERY
         SELECT p.probe_id, p.scene_id FROM probe_request p
         WHERE p.answered_at IS NULL AND p.probe_id <> ALL (p_passed_over)
+          AND EXISTS (SELECT FROM scene s WHERE s.scene_id = p.scene_id)
         -- Failed requests last; then the scene and the role that have waited longest for a reply.
         ORDER BY p.failures,
                  (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,

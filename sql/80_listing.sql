@@ -149,17 +149,21 @@ BEGIN ATOMIC
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
                 AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)
           UNION ALL
+          SELECT b.scene_id, now(), 0 FROM scene b WHERE b.parent_scene_id IS NOT NULL AND _is_behind_parent(b.scene_id)
+              AND EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id)
+          UNION ALL
           SELECT h.scene_id, now(), 0 FROM scene h WHERE _is_behind_horizon(h.expanded, h.horizon_days)
           UNION ALL
           SELECT w.scene_id, now(), 0 FROM area w WHERE w.schedule IS NOT NULL AND w.activations IS NULL
           UNION ALL
           SELECT w.scene_id, now(), 0 FROM track w WHERE w.schedule IS NOT NULL AND w.departures IS NULL) p
     JOIN scene s USING (scene_id)
-    GROUP BY s.name ORDER BY min(p.at), min(p.n);
+    -- Branches last: one edit of their parent marks all of them.
+    GROUP BY s.name, s.parent_scene_id ORDER BY s.parent_scene_id IS NOT NULL, min(p.at), min(p.n);
 END;
 COMMENT ON FUNCTION _waiting_scenes() IS
 'Scenes that wait for detection, for schedules to be expanded further, or for tables that the current role attached, '
-'with seconds of waiting; the longest waiting first.';
+'with seconds of waiting; the longest waiting first, branches last.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

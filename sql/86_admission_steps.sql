@@ -34,6 +34,13 @@ $$;
 COMMENT ON FUNCTION _check_ends(bigint, text[]) IS
 'Raises ZC003 for an object, by its key, that ends later than the limit max_days_ahead.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._admission_marker() RETURNS integer
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 1633968489; -- Arbitrary number.
+END;
+COMMENT ON FUNCTION _admission_marker() IS 'First key of the advisory locks that name who admits plans to a scene.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_admission(
     p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer,
     OUT max_waypoints integer, OUT max_days_ahead double precision
@@ -52,6 +59,8 @@ BEGIN
         -- Any number changes, also one that an editor chose.
         ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken # 1;
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
+    -- Names the holder (_admission_holders), also one in a savepoint. Excludes nobody and waits for nobody.
+    PERFORM pg_try_advisory_xact_lock_shared(_admission_marker(), (v_scene_id % 2147483647)::integer);
     scene_id := v_scene_id;
     settings := _scene_settings(v_scene_id);
     max_vertices := _limit('max_vertices');
@@ -73,17 +82,11 @@ BEGIN
     SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
     FROM pg_catalog.pg_stat_activity a
     WHERE a.pid <> pg_backend_pid()
-      AND (EXISTS (SELECT FROM admission_lock s
-                   JOIN pg_catalog.pg_locks l ON l.locktype = 'transactionid' AND l.transactionid = s.xmax
-                   WHERE s.scene_id = p_scene_id AND l.pid = a.pid AND l.granted)
-           -- The row of a first admission is not visible yet: whoever wrote rows and waits for nobody.
-           OR NOT EXISTS (SELECT FROM admission_lock s WHERE s.scene_id = p_scene_id)
-              AND EXISTS (SELECT FROM pg_catalog.pg_locks l
-                          WHERE l.relation = 'admission_lock'::regclass AND l.granted AND l.pid = a.pid
-                            AND l.mode = 'RowExclusiveLock'
-                            AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
-                                              WHERE d.datname = current_database()))
-              AND NOT EXISTS (SELECT FROM pg_catalog.pg_locks l WHERE l.pid = a.pid AND NOT l.granted))
+      AND EXISTS (SELECT FROM pg_catalog.pg_locks l
+                  WHERE l.locktype = 'advisory' AND l.granted AND l.pid = a.pid AND l.objsubid = 2
+                    AND l.classid::bigint = _admission_marker() AND l.objid::bigint = p_scene_id % 2147483647
+                    AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
+                                      WHERE d.datname = current_database()))
     ORDER BY a.xact_start, a.pid;
 END
 $$;

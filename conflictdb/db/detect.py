@@ -262,6 +262,7 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             # If its parent changes meanwhile, the branch stays pending.
             with suppress(_NothingPending):
                 _run(conn, parent, False, replace(options, only_pending=True, progress=None, phase=_silent))
+            store.follow_parent(conn, begun.scene_id)
         again = None
 
 

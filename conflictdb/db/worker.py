@@ -235,6 +235,7 @@ class Worker:
         """
         well = True
         self._answer(connection)
+        store.drop_orphans(connection)
         waiting = store.waiting_scenes(connection)
         looked_at_s = time.monotonic()
         self.state.looked_at_s, self.state.waiting = looked_at_s, len(waiting)

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d7ab728d8358024f439f50901f98fbae7d3515d88ec83518ac1faecdb9a20351"
+routines_sha256 = "6e3387ff72bc0e33948f625425a0f22607d91c06344dde6bc284d17893834b28"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -45,9 +45,17 @@ ALTER TABLE conflictdb.probe_reply
     ADD CONSTRAINT probe_reply_pkey PRIMARY KEY (probe_id, plan_key, key);
 """
 
+# A foreign key locks the row of the scene: a role that may only read it would make its owner wait.
+LOCKS = """
+ALTER TABLE conflictdb.scene DROP CONSTRAINT IF EXISTS scene_parent_fkey;
+ALTER TABLE conflictdb.change DROP CONSTRAINT IF EXISTS change_scene_fkey;
+ALTER TABLE conflictdb.probe_request DROP CONSTRAINT IF EXISTS probe_request_scene_fkey;
+"""
+
 
 def upgrade() -> None:
     op.execute(REQUESTS)
+    op.execute(LOCKS)
 
 
 def downgrade() -> None:

@@ -321,8 +321,12 @@ def test_reader_of_a_scene_branches_it_and_only_its_changer_merges(protected: Co
     with acting(protected, stage.carol):
         refused(protected, objects, "ZC010")
     with acting(protected, stage.alice):
-        refused(protected, objects, "ZC010")
         protected.execute(stage.filled(OF_THE_OWNER[1]).encode())
+        # It stays, and the owner of its parent sees and may drop it.
+        assert count(protected, "scenes WHERE scene = 'bobs' AND branch_of = 'hers'") == 1
+        with protected.transaction(force_rollback=True):
+            protected.execute("SELECT conflictdb.drop_branch('bobs')")
+            assert count(protected, "scenes WHERE scene = 'bobs'") == 0
     with acting(protected, stage.bob):
         refused(protected, objects, "ZC010")
         assert count(protected, conflicts) == count(protected, "area") == count(protected, "branch_edit") == 0
@@ -330,6 +334,29 @@ def test_reader_of_a_scene_branches_it_and_only_its_changer_merges(protected: Co
     with acting(protected, stage.bob):
         assert one(protected, "SELECT conflictdb.merge_branch('bobs')") == (1,)
         assert "A" not in one(protected, KEYS)[0]
+
+
+def test_a_role_has_few_branches_of_a_scene(protected: Conn, stage: Stage) -> None:
+    """Each detection of the scene starts one of each of its branches."""
+    share(protected, stage, stage.bob, "read")
+    with acting(protected, stage.bob):
+        for number in range(20):
+            protected.execute("SELECT conflictdb.create_branch('hers', %s)", [f"b{number}"])
+        assert "at most 20" in refused(protected, "SELECT conflictdb.create_branch('hers', 'more')", "ZC017")
+    with acting(protected, stage.alice):
+        protected.execute("SELECT conflictdb.create_branch('hers', 'more')")
+
+
+def test_nobody_is_told_who_admits_elsewhere(protected: Conn, stage: Stage) -> None:
+    """A scene that is none, and one that nobody has admitted to yet, have no holders."""
+    with psycopg.connect(stage.dsn) as other, acting(other, stage.alice):
+        other.execute("SELECT conflictdb_internal._begin_admission('hers', 1)")
+        with acting(protected, stage.bob):
+            his = one(protected, "SELECT scene_id FROM conflictdb.scene WHERE name = 'his'")[0]
+            for scene in (-1, his):
+                holders = f"SELECT * FROM conflictdb_internal._admission_holders({scene})"
+                assert protected.execute(holders.encode()).fetchall() == []
+        other.rollback()
 
 
 def test_public_is_everybody_who_reads(protected: Conn, stage: Stage) -> None:

@@ -30,6 +30,8 @@ from conflictdb.db.store.branches import (
     create_branch,
     diff_branch,
     drop_branch,
+    drop_orphans,
+    follow_parent,
     merge_branch,
     parent_name,
 )

@@ -81,6 +81,18 @@ def diff_branch(conn: psycopg.Connection[Any], branch: str) -> BranchDiff:
     )
 
 
+def follow_parent(conn: psycopg.Connection[Any], scene_id: int) -> None:
+    """Let a branch follow changes of its parent that it has missed."""
+    with transaction(conn):
+        call(conn, "_follow_parent", scene_id)
+
+
+def drop_orphans(conn: psycopg.Connection[Any]) -> None:
+    """Remove branches that were in use when their parent was removed, and marks of removed scenes."""
+    with transaction(conn):
+        call(conn, "_drop_orphans")
+
+
 def parent_name(conn: psycopg.Connection[Any], scene_id: int) -> str | None:
     """Return the name of the parent of a branch; None for any other scene."""
     with transaction(conn):
