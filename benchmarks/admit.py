@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
+from conflictdb.db.store import WORKER_NAME
 from conflictdb.formats.scene_file import feature_of
 
 if TYPE_CHECKING:
@@ -357,7 +358,10 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
                 plans = flight(rng, f"{name} {k}", form).plans
                 timed(lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, clock)
             print(f"    stored, {name}: admit {spread(took)}", flush=True)
-        in_sql(db.connection, rng, form, clock)
+        with conflictdb.connect() as worker:
+            # Else plans that one must decide are refused.
+            worker.connection.execute(f"SET application_name = '{WORKER_NAME}'".encode())
+            in_sql(db.connection, rng, form, clock)
         print(f"    beat {beat():.2f} ms", flush=True)
         city.delete()
 

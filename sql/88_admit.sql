@@ -540,6 +540,10 @@ BEGIN
     END;
     -- What the objects in their place had before takes stages 3 and 4, too.
     IF NOT admitted AND (NOT v_are_known OR p_allow_known AND cardinality(v_replaced) > 0) THEN
+        IF _worker_count() = 0 THEN
+            FOUND := _raise('ZC015', 'plans', 'worker', 'must be connected: only one can decide about these plans',
+                            'admission_has_worker', 'Start one: conflictdb worker');
+        END IF;
         admitted := NULL;
         conflicts := '[]';
         request_id := _request(
@@ -554,7 +558,7 @@ COMMENT ON FUNCTION admit(text, jsonb, text, boolean, text[]) IS
 'FeatureCollection of them. p_owner: the plans belong to it, take the place of all that it has, and are not compared '
 'with each other. p_replace: keys of other stored objects that plans of the same key may replace (else ZC007). '
 'p_allow_known: as in Python. admitted: whether they were put; null: stages 3 and 4 must decide. Then commit, and '
-'call wait_for_admission(request_id): a worker admits them. '
+'call wait_for_admission(request_id): a worker admits them. Without a connected one, it raises ZC015. '
 'conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_as_json(

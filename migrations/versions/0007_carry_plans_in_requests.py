@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6e3387ff72bc0e33948f625425a0f22607d91c06344dde6bc284d17893834b28"
+routines_sha256 = "2751231eddde0636aca13c7e79177f29f1cf7ade805b8780a83001d309f734b3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from city import CITY
+from city import CITY, worker_connected
 from map_page import Client, served_page
 from spark_answers import Spark, running_spark
 
@@ -27,9 +27,10 @@ def db(dsn: str) -> Iterator[Database]:
 
 
 @pytest.fixture
-def city(db: Database) -> StoredScene:
-    """Return that scene."""
-    return db.scene("city")
+def city(dsn: str, db: Database) -> Iterator[StoredScene]:
+    """Return that scene; a worker is connected."""
+    with worker_connected(dsn):
+        yield db.scene("city")
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from city import (
     pairs,
     square,
     within_limits,
+    worker_connected,
 )
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
@@ -117,6 +118,22 @@ def test_a_worker_decides_the_others(dsn: str, db: Database, city: StoredScene) 
     assert keys(city) == ["a", "b", "t", "v"]
     [stored] = store.read_scene(conn, "city", ["v"])[2]
     assert_same(flight("v", 0.2062), stored)
+
+
+def test_without_a_worker_no_request_is_left(dsn: str, db: Database) -> None:
+    """What needs none is decided; for the rest one sentence says that none is connected."""
+    conn = db.connection
+    db.scene("city").put(square("a", 0.0))
+    assert asked(conn, flight("t", 0.205))[0]
+    assert asked(conn, square("b", 0.005))[0] is False
+    conn.commit()
+    for near in (flight("u", 0.005), flight("v", 0.3, tolerances={"xtd_port_m": 9.0})):
+        with pytest.raises(psycopg.Error, match="plans: worker: must be connected") as caught, conn.transaction():
+            asked(conn, near)
+        assert caught.value.sqlstate == "ZC015"
+    assert conn.execute("SELECT count(*) FROM conflictdb.probe_request").fetchone() == (0,)
+    with worker_connected(dsn):
+        assert asked(conn, flight("u", 0.005))[2] is not None
 
 
 def test_known_conflicts_may_be_allowed(dsn: str, db: Database, city: StoredScene) -> None:

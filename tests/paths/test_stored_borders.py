@@ -11,6 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from city import worker_connected
 from full_plans import HOUR_US, SCENE, Border, Plan, area, lost, track, values_of
 from numpy.typing import NDArray
 
@@ -225,7 +226,7 @@ def by_admission_in_sql(scene: StoredScene, plan: Plan) -> Plan:
     """SQL admits at once, or a worker does."""
     given = {name: value for name, value in sql_members(plan).items() if value is not None}
     try:
-        with scene.connection.transaction():
+        with worker_connected(scene.connection.info.dsn), scene.connection.transaction():
             query = "SELECT admitted FROM conflictdb.admit(%s, %s::jsonb)"
             (admitted,) = run(scene, query, [scene.name, json.dumps([given])])
         while probes.answer(scene.connection):

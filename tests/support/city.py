@@ -1,7 +1,8 @@
 """Flights and areas of a city, to be admitted, and the function admit of SQL."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
@@ -11,6 +12,7 @@ import psycopg
 import shapely
 
 from conflictdb import Area, Scene, StoredScene, Track, rectangle_outline_m
+from conflictdb.db.store import WORKER_NAME
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 
@@ -56,6 +58,13 @@ def as_plan(plan: Area | Track) -> dict[str, Any]:
 def as_feature(plan: Area | Track) -> dict[str, Any]:
     """A plan as requests carry it."""
     return feature_of(plan) | {"version": 1}
+
+
+@contextmanager
+def worker_connected(dsn: str) -> Iterator[None]:
+    """Be counted as a worker, which answers nothing."""
+    with psycopg.connect(dsn, application_name=WORKER_NAME):
+        yield
 
 
 def asked(
