@@ -42,9 +42,7 @@ def area_of_polygon(
     members = file_objects.area_members(fields, setting)
     fields.raise_found()
     footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
-    if setting.to_degrees is not None:
-        footprint = shapely.transform(footprint, setting.to_degrees)
-    return Area(key, footprint, **members)
+    return Area(key, file_objects.in_degrees(fields.who, footprint, setting), **members)
 
 
 def area_of_circle(
@@ -63,10 +61,12 @@ def track_of_line(
     key, values = _keyed(where, number, values, file_objects.TRACK_MEMBERS)
     fields = Fields(f"track {key!r}", values)
     parts = shapely.get_parts(shape)
+    geometry = {"type": TRACK_TYPE, "coordinates": shapely.get_coordinates(shape).tolist()}
     with fields.refusals:
         if len(parts) != 1:
-            raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
-    geometry = {"type": TRACK_TYPE, "coordinates": shapely.get_coordinates(shape).tolist()}
+            lines = [shapely.get_coordinates(part).tolist() for part in parts]
+            geometry, values = file_objects.joined_track(fields.who, {**geometry, "coordinates": lines}, values)
+            fields.values = values
     return file_objects.track(key, geometry, fields, setting)
 
 

@@ -14,12 +14,24 @@ from numpy.typing import NDArray
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import Fields, finite, instant, instants
-from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
+from conflictdb.formats.geometry import (
+    AREA_TYPES,
+    CIRCLE_TYPE,
+    TRACK_TYPE,
+    joined,
+    line,
+    lines,
+    multipolygon,
+    of_joined,
+    pairs,
+    point,
+)
 from conflictdb.formats.hints import given_haven, vertical_datum
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
+from conflictdb.formats.rings import LongSides
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
@@ -44,6 +56,10 @@ TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
 RULED: Final = ("class", "owner")
+# Members with a value for each position, or each leg.
+_OF_POSITIONS: Final = frozenset(
+    {*TIMES, "speed_kn", "speed_mps", "floor_m", "ceiling_m", "outlines_m", *tolerances.PER_LEG}
+)
 # What heights are above; read to refuse others than the scene's.
 DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
@@ -94,6 +110,7 @@ class FileContext:
     corners : count of all circles' corners
     datum : what its heights are above
     row_ids : begins the ids of objects without one; empty: they are refused
+    long_sides : of areas whose sides are straight in longitude and latitude; None: they are lines of the scene
     """
 
     scene: Scene
@@ -104,6 +121,7 @@ class FileContext:
     corners: Corners = field(default_factory=Corners)
     datum: Callable[[], VerticalDatum] = vertical_datum
     row_ids: str = ""
+    long_sides: LongSides | None = None
 
     @classmethod
     def of_settings(cls, settings: Scene | None, stem: str, *rest: Any, **more: Any) -> Self:
@@ -125,8 +143,7 @@ def area(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContex
 def _footprint(geometry: dict[str, Any], fields: Fields, setting: FileContext) -> shapely.MultiPolygon:
     """Return the polygon of an area, or one that contains its circle."""
     if geometry["type"] in AREA_TYPES:
-        footprint = multipolygon(fields.who, geometry)
-        return footprint if setting.to_degrees is None else shapely.transform(footprint, setting.to_degrees)
+        return in_degrees(fields.who, multipolygon(fields.who, geometry), setting)
     if not fields.has("radius_m"):
         rule = f"must be a {' or '.join(AREA_TYPES)} (an area) or a LineString (a track); got '{CIRCLE_TYPE}'"
         raise fields.refusal("geometry", f"{rule}, which needs radius_m to be a circle")
@@ -137,6 +154,13 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: FileContext) -
     if radius_m is None:
         return shapely.MultiPolygon()
     return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene, setting.corners)
+
+
+def in_degrees(who: str, footprint: shapely.MultiPolygon, setting: FileContext) -> shapely.MultiPolygon:
+    """Return a footprint of a file in longitude and latitude, with vertices along sides that are straight in these."""
+    if setting.to_degrees is not None:
+        return shapely.transform(footprint, setting.to_degrees)
+    return footprint if setting.long_sides is None else setting.long_sides.straight(who, footprint)
 
 
 def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
@@ -155,6 +179,18 @@ def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     rest = setting.foreign, setting.remedy
     fields.refusals.extend(misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest))
     return members
+
+
+def joined_track(
+    who: str, geometry: Mapping[str, Any], properties: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the geometry and members of a track that is cut at the antimeridian, as one line; raises InvalidInput."""
+    positions, counts = joined(who, lines(who, "geometry.coordinates", geometry.get("coordinates")))
+    rest = {name: one for name, one in geometry.items() if name not in ("type", "coordinates")}
+    members = {
+        name: of_joined(who, name, one, counts) if name in _OF_POSITIONS else one for name, one in properties.items()
+    }
+    return {"type": TRACK_TYPE, "coordinates": positions.tolist(), **rest}, members
 
 
 def track(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Track | TrackAtSpeed:

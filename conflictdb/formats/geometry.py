@@ -5,7 +5,7 @@ A third number of a position (altitude, RFC 7946) is accepted and ignored, becau
 all heights.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +18,9 @@ from conflictdb.formats.fields import finite
 AREA_TYPES = ("Polygon", "MultiPolygon")
 TRACK_TYPE = "LineString"
 CIRCLE_TYPE = "Point"
+CUT_TRACK_TYPE = "MultiLineString"
+# Ends of two lines that are one place, degrees.
+_SAME_DEG = 1e-9
 
 T = TypeVar("T")
 
@@ -30,7 +33,7 @@ def geometry_type(who: str, geometry: Any) -> str:
     if not isinstance(geometry, dict):
         raise InvalidInput(who, "geometry", f"{rule}; got {geometry!r:.60}")
     kind = geometry.get("type")
-    if kind not in (*AREA_TYPES, TRACK_TYPE, CIRCLE_TYPE):
+    if kind not in (*AREA_TYPES, TRACK_TYPE, CUT_TRACK_TYPE, CIRCLE_TYPE):
         raise InvalidInput(who, "geometry", f"{rule}; got {kind!r:.60}")
     return str(kind)
 
@@ -41,6 +44,58 @@ def line(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
     if len(positions) < 2:
         raise InvalidInput(who, where, f"a track needs at least two waypoints; got {len(positions)}")
     return positions
+
+
+def lines(who: str, where: str, coordinates: Any) -> list[NDArray[np.float64]]:
+    """Return the positions (n, 2) of each line of a MultiLineString in degrees."""
+    return _each(who, where, coordinates, "lines", line)
+
+
+def joined(who: str, parts: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], list[int]]:
+    """Return the positions (n, 2) of a track that is cut into lines at the antimeridian, and the lines' numbers.
+
+    The second result is the number of positions of each line. Raises InvalidInput unless each line begins where the one
+    before ends, or on the other side of the antimeridian.
+    """
+    found = [parts[0]]
+    for k, part in enumerate(parts[1:], 1):
+        gap = part[0] - found[-1][-1]
+        turns = np.round(gap[0] / 360.0)
+        if abs(gap[0] - 360.0 * turns) > _SAME_DEG or abs(gap[1]) > _SAME_DEG:
+            rule = "must be one line: a track has no gaps; lines are joined if each begins where the one before ends"
+            raise InvalidInput(
+                who, "geometry", f"{rule}, also across the antimeridian; got {len(parts)} (see line {k})"
+            )
+        found.append(part - [360.0 * turns, 0.0])
+    whole = np.concatenate([found[0], *(part[1:] for part in found[1:])])
+    # One that begins in the west and crosses the antimeridian twice stays near +-180.
+    return whole, [len(part) for part in parts]
+
+
+def of_joined(who: str, name: str, value: Any, counts: Sequence[int]) -> Any:
+    """Return a member of a cut track, one value per position or per leg, as that of the joined one.
+
+    It may be a list of lists, one for each line, or a list for all lines, in which the last value of a line and the
+    first of the next are of one place. Raises InvalidInput if these differ.
+    """
+    if not isinstance(value, list) or not value:
+        return value
+    total, legs = sum(counts), sum(counts) - len(counts)
+    if all(isinstance(one, list) for one in value) and [len(one) for one in value] in (
+        list(counts),
+        [count - 1 for count in counts],
+    ):
+        value = [one for part in value for one in part]
+    if len(value) != total or total == legs:
+        return value
+    kept, at = [], 0
+    for k, count in enumerate(counts):
+        if k and value[at] != value[at - 1]:
+            rule = f"must be the same at the end of line {k - 1} and the begin of line {k}, which are one place"
+            raise InvalidInput(who, name, f"{rule}; got {value[at - 1]!r:.40} and {value[at]!r:.40}")
+        kept += value[at + (k > 0) : at + count]
+        at += count
+    return kept
 
 
 def point(who: str, coordinates: Any, where: str = "geometry.coordinates") -> NDArray[np.float64]:

@@ -36,7 +36,8 @@ _SHAPES: Final = ("Polygon", "LineString", "LinearRing", "Point", "Track")
 _FLOAT: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITIONS: Final = re.compile(rf"(?:{_FLOAT},{_FLOAT}(?:,{_FLOAT})?(?:\s+|\Z))*+")
 _CORNERS: Final = 4  # of a ring, with the first one again
-_COMMA: Final = re.compile(r"\s*,\s*")
+# The blanks of a run are tried once, from the first one.
+_COMMA: Final = re.compile(r"(?<!\s)\s*,\s*|,\s*")
 # OGR keeps times to the millisecond.
 _KEPT_US: Final = 1000
 

@@ -25,9 +25,7 @@ from conflictdb.model.plans import METRES_PER_NMI
 _SUBJECTS: Final = ("QA", "QR", "QW")
 _KEY: Final = r"[A-Z]\d{1,6}/(?:20)?\d\d(?!\d)"
 # Without its letter a NOTAM is new, if item Q follows.
-_NUMBER: Final = re.compile(
-    rf"\(?\s*({_KEY})\s+NOTAM(?:([NRC])\b(?:\s+({_KEY}))?|(?=\s+Q\)))", re.ASCII | re.IGNORECASE
-)
+_NUMBER: Final = re.compile(rf"({_KEY})\s+NOTAM(?:([NRC])\b(?:\s+({_KEY}))?|(?=\s+Q\)))", re.ASCII | re.IGNORECASE)
 # As !FDC 6/1234.
 _DOMESTIC: Final = re.compile(r"^[ \t(]*(!\w{2,4}[ \t]+\d{1,2}/\d{1,4})(?!\d)", re.ASCII | re.MULTILINE)
 _ITEM_Q: Final = re.compile(r"(?:(?<=\s)|^)Q\)", re.IGNORECASE)
@@ -124,7 +122,7 @@ def _split(text: str, found: Gathered) -> Iterator[tuple[str, str, str | None, s
     One that another one follows whose number is not understood is refused.
     """
     heads = sorted([*_NUMBER.finditer(text), *_DOMESTIC.finditer(text)], key=re.Match.start)
-    ends = [*(head.start() for head in heads), len(text)]
+    ends = [*(_begin(text, head.start()) for head in heads), len(text)]
     with found.refusals:
         _check_items_q("file", text[: ends[0]], 0)
     for head, end in zip(heads, ends[1:], strict=True):
@@ -136,6 +134,13 @@ def _split(text: str, found: Gathered) -> Iterator[tuple[str, str, str | None, s
             key, former = _short(head[1]), head[3] and _short(head[3])
             _check_items_q(f"NOTAM {key!r}", body, 1)
             yield key, (head[2] or "N").upper(), former, body if "Q)" in body else body.upper()
+
+
+def _begin(text: str, at: int) -> int:
+    """Return where a NOTAM begins whose number is at a place: with the blanks and the bracket before it."""
+    while at and text[at - 1].isspace():
+        at -= 1
+    return at - 1 if text.endswith("(", 0, at) else at
 
 
 def _short(key: str) -> str:

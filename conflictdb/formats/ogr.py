@@ -51,6 +51,7 @@ from conflictdb.formats.kml_document import ALTITUDE_MODES, KmlDocument
 from conflictdb.formats.kml_tracks import GxTracks
 from conflictdb.formats.names import RENAME_COLUMN, SETTINGS, can_be
 from conflictdb.formats.reference import EXTRA, of_name
+from conflictdb.formats.rings import LongSides
 from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
@@ -213,18 +214,19 @@ def _read_features(
     seen: dict[str, str] = {}
     derived: set[str] = set()
     items: list[Area | Track | TrackAtSpeed] = []
-    scene = Scene("file")
+    scene, long_sides = Scene("file"), LongSides()
     for layer in layers:
         numbers = layer.numbers
         start = starts[layer.name]
         keys = [names.get((layer.name, number)) or row_id(start, number) for number in numbers]
         derived.update(keys)
-        for where, item in _features(source, layer, keys, scene, contents, refusals, timed_lines):
+        for where, item in _features(source, layer, keys, scene, contents, refusals, timed_lines, long_sides):
             first = seen.setdefault(item.key, where)
             with refusals:
                 if first != where:
                     raise given_twice(name_of(item), f"{first} and {where}")
                 items.append(item)
+    contents.remarks = list(long_sides.remarks(source))
     contents.derived = [item.key for item in items if item.key in derived]
     areas, tracks = timed(items, scene, max_speed_kn, refusals)
     contents.areas.extend(areas)
@@ -239,6 +241,7 @@ def _features(
     contents: Contents,
     refusals: Refusals,
     timed_lines: "_TimedLines",
+    long_sides: LongSides,
 ) -> Iterator[tuple[str, Area | Track | TrackAtSpeed]]:
     """Yield the place of each object in the file, and the object.
 
@@ -251,7 +254,7 @@ def _features(
     if layer.crs is None:
         rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
         raise InvalidInput(who, "reference system", rule)
-    setting = file_objects.FileContext(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
+    setting = file_objects.FileContext(scene, (), of_name(who, layer.crs), RENAME_COLUMN, long_sides=long_sides)
     has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in layer.fields)
     others: dict[str, list[int]] = defaultdict(list)
     has_modes = set(layer.fields) >= _KML_FIELDS
@@ -389,4 +392,4 @@ class _TimedLines:
         contents.skipped.extend(rest)
         contents.derived = [*contents.derived, *(one.key for one in self.lines if not one.values.get("id"))]
         texts = [*((f"{SAYS_NO_SIZES}: its gx:Tracks are points",) if tracks else ()), *notes]
-        contents.remarks = [Remark(source, "file", text) for text in texts]
+        contents.remarks = [*contents.remarks, *(Remark(source, "file", text) for text in texts)]

@@ -61,6 +61,7 @@ from conflictdb.formats.json_text import check_storable, check_text
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.parquet_process import decoded
 from conflictdb.formats.positions import COLUMNS, read_positions
+from conflictdb.formats.rings import LongSides
 from conflictdb.formats.scene_file import scene_of
 from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import MAX_DURATION_S, TrackAtSpeed, timed
@@ -95,6 +96,8 @@ class _Found:
     fastest_kn: float
     stem: str = ""
     derived: list[str] = field(default_factory=list)
+    source: str = ""
+    remarks: list[Remark] = field(default_factory=list)
     items: list[Area | Track | TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
     time_like: dict[str, None] = field(default_factory=dict)
@@ -161,7 +164,7 @@ def parquet_parts(
         metadata = metadata_of("file", schema)
         settings = scene_of(metadata["scene"], stem) if metadata.get("scene") is not None else None
         parts = Parts(settings, iter(()))
-        found = _Found(parts.refusals, first, settings, fastest_kn, stem, parts.derived)
+        found = _Found(parts.refusals, first, settings, fastest_kn, stem, parts.derived, source, parts.remarks)
         layout = Layout.of(schema)
         is_own = metadata.get("form") == OBJECTS.name
         if is_own or _fits(schema):
@@ -218,12 +221,16 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
 
 def _read_rows(found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout) -> Iterator[None]:
     """Read rows, one object each, in batches."""
-    setting = file_objects.FileContext.of_settings(found.settings, "file", (), layout.to_degrees, RENAME_COLUMN)
+    sides = LongSides() if found.settings is None and layout.edges == PLANAR else None
+    setting = file_objects.FileContext.of_settings(
+        found.settings, "file", (), layout.to_degrees, RENAME_COLUMN, long_sides=sides
+    )
     row = 0
     for batch in batches:
         _add_rows(found, batch, row, layout, setting)
         row += batch.num_rows
         yield
+    found.remarks += [] if sides is None else sides.remarks(found.source)
 
 
 def _unusable_rows(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:

@@ -6,7 +6,7 @@ the plain ones alike, in five times the time.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
@@ -42,6 +42,8 @@ _GEOMETRY: Final = frozenset({"type", "coordinates"})
 _SIDES: Final = tuple(f"{side}_m" for side in SIDES)
 # Members of tracks that are left to `scene_file`.
 _RARE: Final = TRACK_MEMBERS - {"kind", "name", "times", "outline_m", "floor_m", "ceiling_m", *_SIDES, *RULED}
+# Sides with a smaller range of latitudes are rhumb lines, to a metre below 81 degrees.
+_SMALL_DEG: Final = 0.025
 _LEAST_RING: Final = 4  # positions, the last equal to the first
 
 
@@ -87,6 +89,7 @@ def objects(features: Sequence[Any], setting: FileContext) -> list[Area | Track 
     found: list[Area | Track | None] = [None] * len(features)
     if setting.to_degrees is not None or are_applied():
         return found
+    features = [feature if setting.long_sides is None or _is_small(feature) else None for feature in features]
     areas: list[_PlainArea] = []
     tracks: list[_PlainTrack] = []
     for row, feature in enumerate(features):
@@ -103,6 +106,19 @@ def objects(features: Sequence[Any], setting: FileContext) -> list[Area | Track 
     for track, one in zip(tracks, _in_halves(tracks, _tracks), strict=True):
         found[track.row] = one
     return found
+
+
+def _is_small(feature: Any) -> bool:
+    """Return whether a feature is a line, or a polygon whose sides are too short to need vertices along them."""
+    try:
+        geometry = feature["geometry"]
+        if geometry["type"] == TRACK_TYPE:
+            return True
+        polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
+        rings = chain.from_iterable(polygons)
+        return all(abs(b[1] - a[1]) < _SMALL_DEG for ring in rings for a, b in pairwise(ring))
+    except (KeyError, TypeError, IndexError, ValueError):
+        return False
 
 
 def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainTrack:

@@ -44,6 +44,7 @@ from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
+from conflictdb.formats.rings import HalfTurns
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import TimeColumns
@@ -164,10 +165,11 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    times, owners = TimeColumns(), Owners()
+    times, owners, turns = TimeColumns(), Owners(), HalfTurns()
     for areas, tracks in each:
         summary.add(areas, tracks)
         times.add(areas)
+        turns.add(areas)
         owners.add([*areas, *tracks])
         yield areas, tracks
     parts.refusals.extend(summary.twice())
@@ -175,6 +177,7 @@ def _summed_up(
         *(() if len(summary) else (_empty(source),)),
         *times.remarks(source),
         *owners.remarks(source),
+        *turns.remarks(source),
         *summary.remarks(source),
     ]
 
@@ -188,6 +191,9 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     owners = Owners()
     owners.add([*contents.areas, *contents.tracks])
     yield from owners.remarks(source)
+    turns = HalfTurns()
+    turns.add(contents.areas)
+    yield from turns.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 

@@ -17,12 +17,13 @@ from conflictdb.formats import dialects, file_objects, moving_features, names, p
 from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, row_id, unwatched
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
+from conflictdb.formats.geometry import CUT_TRACK_TYPE, TRACK_TYPE, geometry_type
 from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
+from conflictdb.formats.rings import LongSides
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.rules import Rule, members_of, rule_of
+from conflictdb.model.rules import Rule, check_count, members_of, rule_of
 from conflictdb.model.settings import NAMES
 
 _SETTINGS: Final = ("name", *NAMES, "rules")
@@ -138,13 +139,15 @@ def _read(
             raise InvalidInput("file", "features", "must be a list of features")
         refusals.raise_found()
         raise AssertionError
+    is_foreign = scene is None and settings is None
     setting = file_objects.FileContext.of_settings(
         scene or settings,
         stem,
         foreign,
         to_degrees,
         systems=systems,
-        row_ids=stem if scene is None and settings is None else "",
+        row_ids=stem if is_foreign else "",
+        long_sides=LongSides() if is_foreign else None,
     )
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
@@ -166,6 +169,7 @@ def _read(
     refusals.raise_found()
     contents = Contents(scene, areas, tracks, left_out(source, of_objects))
     contents.derived = derived
+    contents.remarks = [] if setting.long_sides is None else list(setting.long_sides.remarks(source))
     return contents
 
 
@@ -271,6 +275,9 @@ def _plain(
 ) -> Area | Track | TrackAtSpeed:
     """Return the object of a feature with a geometry of plain GeoJSON."""
     kind = geometry_type(f"feature {key!r}", geometry)
+    if kind == CUT_TRACK_TYPE:
+        geometry, properties = file_objects.joined_track(f"track {key!r}", geometry, properties)
+        kind = TRACK_TYPE
     is_track = kind == TRACK_TYPE
     fields = Fields(f"{'track' if is_track else 'area'} {key!r}", properties)
     with fields.refusals:
@@ -304,6 +311,7 @@ def _rules(members: Any, refusals: FileRefusals) -> list[Rule]:
     with refusals:
         if not isinstance(members, list):
             raise InvalidInput("scene", "rules", f"must be a list of rules; got {members!r:.60}")
+        check_count(len(members))
         for i, one in enumerate(members):
             with refusals:
                 found.append(rule_of(one, f"scene, rules[{i}]"))

@@ -58,6 +58,11 @@ MAX_INSTANT_US: Final = 253_402_300_799_999_999
 
 LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
+# Of a ring that goes round a pole.
+POLE_RULE: Final = (
+    "; it goes round a pole: close it along latitude 90, as in […, [180, 85], [180, 90], [-180, 90], [-180, 85], …], "
+    "in a scene with motion great_circle"
+)
 # A scene that does not say gets the earth of its motion.
 _BY_MOTION: Final = cast(EarthModel, None)
 
@@ -522,7 +527,14 @@ def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
     if east - west > 360.0:
         raise InvalidInput(who, "geometry", f"must not be wider than 360 degrees; it is {east - west:g} wide")
     if not shapely.is_valid(footprint):
-        raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}")
+        pole = POLE_RULE if any(map(_goes_round, shapely.get_parts(footprint))) else ""
+        raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}{pole}")
+
+
+def _goes_round(polygon: shapely.Polygon) -> bool:
+    """Return whether the outer ring of a polygon goes round a pole, by the shorter way along each side."""
+    lon = shapely.get_coordinates(polygon.exterior)[:, 0]
+    return abs(float(np.sum(np.remainder(np.diff(lon) + 180.0, 360.0) - 180.0))) > 180.0
 
 
 def _keep(one: Area | Track, **values: object) -> None:

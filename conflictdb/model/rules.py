@@ -184,6 +184,7 @@ class RuleTable:
 def listed(rules: Iterable[Rule]) -> list[Rule]:
     """Return rules in the order of their sides; raises InvalidInput for others, too many, or sides given twice."""
     found = list(rules)
+    check_count(len(found))
     known = set()
     for i, rule in enumerate(found):
         if not isinstance(rule, Rule):
@@ -191,9 +192,13 @@ def listed(rules: Iterable[Rule]) -> list[Rule]:
         if rule.sides in known:
             raise InvalidInput(str(rule), "", "is given twice; a rule holds in both orders of its sides")
         known.add(rule.sides)
-    if len(found) > MAX_RULES:
-        raise InvalidInput("rules", "", f"must be at most {MAX_RULES:,}; got {len(found):,}")
     return sorted(found, key=lambda rule: rule.sides)
+
+
+def check_count(count: int) -> None:
+    """Raise InvalidInput for more rules than a scene may have, before each is read."""
+    if count > MAX_RULES:
+        raise InvalidInput("rules", "", f"must be at most {MAX_RULES:,}; got {count:,}")
 
 
 def rule_of(members: Any, where: str) -> Rule:

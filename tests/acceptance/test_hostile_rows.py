@@ -6,6 +6,7 @@ transactions that are prepared first; a worker runs meanwhile, for `CONFLICTDB_H
 """
 
 import ast
+import json
 import os
 import random
 import subprocess
@@ -44,10 +45,33 @@ VALUES: Final[dict[str, list[Any]]] = {
         "%s",
         "rhumb",
         "exact",
+        "probe",
+        "delays",
     ],
     "name": ["", "postgres", "conflictdb_worker", "public"],
     "boolean": [True, False],
-    "jsonb": ["{}", "null", '{"a": [[[[]]]]}', '"x"', '{"key": "id"}'],
+    "jsonb": ["{}", "null", '{"a": [[[[]]]]}', '"x"', '{"key": "id"}', '{"key": "T", "horizon_s": 60}'],
+    "json": [
+        "[]",
+        "null",
+        *(
+            json.dumps([{"type": "Feature", "version": 1, "id": "P", "geometry": shape, "properties": members}])
+            for shape in (
+                {"type": "Polygon", "coordinates": [[[0, 0], [2, 0], [2, 2], [0, 0]]]},
+                {"type": "Polygon", "coordinates": [[[0, 0], [1e300, 0], [2, 2], "x"]]},
+                {"type": "LineString", "coordinates": [[0, 0.5], [2, 0.5]]},
+                {"type": "Point", "coordinates": [0, 0]},
+                None,
+            )
+            for members in (
+                {},
+                {"start": "2026-03-01T06:00Z", "floor_m": "NaN"},
+                {"times": ["2026-03-01T00:00Z", "2026-03-02T00:00Z"], "outline_m": [[0, 0]]},
+                {"radius_m": 1e9, "schedule": [[[]]], "class": 5},
+                None,
+            )
+        ),
+    ],
     "interval": ["0", "-1 second", "1000000 years", "1 second"],
     "timestamp with time zone": ["infinity", "-infinity", "4713-01-01 BC", "294276-01-01", "2026-03-01 06:00Z"],
     "tstzrange": ["empty", "(,)", "[infinity,)", "(,-infinity]", "[-infinity,infinity]", "[2026-03-01,2026-03-02)"],

@@ -23,6 +23,7 @@ from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 from conflictdb import Area, Rule, Track, connect, rectangle_outline_m
 from conflictdb.db import detect, probes, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
+from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
 from conflictdb.model.plans import MAX_INSTANT_US, Scene
 from conflictdb.model.results import Conflict
@@ -570,3 +571,10 @@ def test_several_plans_are_asked_about_in_sql(conn: Conn, dsn: str) -> None:
         rows = conn.execute("SELECT plan_key, key, kind FROM conflictdb.wait_for_plans_probe(%s)", [number]).fetchall()
         assert sorted(rows) == [("N", "A", "area"), ("N", "P", "area")]
         assert sorted(row[0] for row in conn.execute(ANSWER, [number]).fetchall()) == ["A", "P"]
+
+
+def test_sql_knows_the_members_of_plans(conn: Conn) -> None:
+    """Properties of these names would be read as members."""
+    row = conn.execute("SELECT conflictdb_internal._members_of_plans()").fetchone()
+    assert row is not None
+    assert set(row[0]) == AREA_MEMBERS | TRACK_MEMBERS

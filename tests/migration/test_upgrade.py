@@ -162,6 +162,37 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
         assert db.connection.execute(state).fetchall() == [(True, 2, 0)]
 
 
+# Requests of the form before 0007, and a routine whose body names their columns.
+REQUESTS = """
+INSERT INTO conflictdb.scene (name, motion, earth, method, tolerance_m, separation_m)
+    VALUES ('s', 'rhumb', 'wgs84', 'exact', 1, 0);
+INSERT INTO conflictdb.probe_request (scene_id, object_kind, footprint, active_span)
+    SELECT scene_id, 0, 'SRID=4326;MULTIPOLYGON(((0 0, 1 0, 1 1, 0 0)))', '(,)' FROM conflictdb.scene;
+INSERT INTO conflictdb.probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s)
+    SELECT probe_id, 0, 'A', 'conflict', '{}', 0 FROM conflictdb.probe_request;
+INSERT INTO conflictdb.probe_request (scene_id, object_kind, key, horizon)
+    SELECT scene_id, 1, 'T', '1 hour' FROM conflictdb.scene;
+INSERT INTO conflictdb.probe_request (scene_id, object_kind, plans)
+    SELECT scene_id, 0, '[{"key": "A"}]' FROM conflictdb.scene;
+CREATE FUNCTION conflictdb_internal._requested_admission(p_probe_id bigint)
+    RETURNS TABLE (owner text, allow_known boolean) LANGUAGE sql STABLE STRICT
+    BEGIN ATOMIC SELECT p.owner, p.allow_known FROM conflictdb.probe_request p WHERE p.probe_id = p_probe_id; END;
+"""
+
+
+def test_requests_of_the_older_form_go(empty_dsn: str, dsn: str) -> None:
+    """Nothing waits for them; the tables are those of a fresh schema."""
+    alembic_do(empty_dsn, alembic.command.upgrade, "0006")
+    with psycopg.connect(empty_dsn) as conn:
+        conn.execute(REQUESTS.encode())
+    assert schema.upgrade(empty_dsn) == schema.head()
+    with psycopg.connect(empty_dsn) as conn, psycopg.connect(dsn) as fresh:
+        assert conn.execute("SELECT count(*) FROM conflictdb.probe_request").fetchone() == (0,)
+        conn.execute("SELECT conflictdb.request_probe('s', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')")
+        assert conn.execute("SELECT kind, answer FROM conflictdb.probe_request").fetchall() == [("probe", None)]
+        assert describe(conn) == describe(fresh)
+
+
 # A scene of the release before 0002, detected by a method that is gone.
 OF_WINDOW = """
 ALTER TABLE conflictdb.scene DISABLE TRIGGER USER;

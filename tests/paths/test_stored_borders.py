@@ -22,6 +22,7 @@ from conflictdb.db.store.object_states import object_states
 from conflictdb.db.store.proposal_rows import proposal_basis, put_proposal
 from conflictdb.errors import ConflictDBError
 from conflictdb.formats.instants import format_instant
+from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Goal, Move, Proposal
 from conflictdb.model.recurring_plans import later
@@ -236,6 +237,14 @@ def by_admission_in_sql(scene: StoredScene, plan: Plan) -> Plan:
         scene.delete_objects(*(one.key for one in scene.objects()))
 
 
+def by_request(scene: StoredScene, plan: Plan) -> Plan:
+    """The plan that a worker reads."""
+    number = store.request_probe(scene.connection, scene.name, plans_text([plan]))
+    request = store.read_request(scene.connection, number)
+    (one,) = read_plans(request.plans or "", scene.settings(), request.max_speed_kn)
+    return one
+
+
 def by_proposal(scene: StoredScene, plan: Plan) -> Plan:
     """A proposal delays a track; undone, it is as before."""
     assert isinstance(plan, Track)
@@ -307,6 +316,7 @@ STORED: Final[Mapping[str, tuple[Way, dict[str, Any]]]] = {
     "copy": (by_copy, {"is_slow": True}),
     "other key": (by_new_key, {"is_slow": True}),
     "admission": (by_admission, _IN_ADMISSIONS),
+    "request to a worker": (by_request, {}),
     "detection": (by_detection, {"refuses": {"schedule": "is not expanded"}}),
     "proposal": (by_proposal, {"kinds": (Track,), "changes": {"schedule": (), "departures_us": ()}}),
 }

@@ -102,7 +102,7 @@ TRACK = [
     (line([3, 56], [4, NAN], [5, 57]), "@[1][1]", "finite"),
     (line([3, 56], [4, 157], [5, 57]), "geometry", "latitude"),
     (line([3, 56], [4, 57]), "times", "2 waypoints, 3 times"),
-    ({"geometry": {"type": "MultiLineString", "coordinates": [SQUARE]}}, "geometry", "got 'MultiLineString'"),
+    ({"geometry": {"type": "MultiPoint", "coordinates": [SQUARE]}}, "geometry", "got 'MultiPoint'"),
     ({"times": [HOUR[5], HOUR[7], HOUR[6]]}, "times[2]", "later than the time before"),
     ({"times": [HOUR[5], HOUR[5], HOUR[6]]}, "times[1]", "two places at the same time"),
     ({"times": [HOUR[5], "2026-03-01T06:00:00", HOUR[7]]}, "times[1]", "offset"),

@@ -263,7 +263,7 @@ def test_a_track_in_another_reference_system_is_transformed(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("shape", "columns", "field", "rule"),
     [
-        (shapely.MultiLineString([LINE, LINE]), TIMES, "geometry", "a track has no gaps; got 2"),
+        (shapely.MultiLineString([LINE, LINE]), TIMES, "geometry", "must be one line: a track has no gaps"),
         (LINE, {"times": [TIMES["times"][0].replace("06:00:00", "05:00:01")]}, "times[1]", "beyond 2000 kn"),
         (LINE, {"times": ["now and then"]}, "times", "must be a list"),
         (LINE, {**TIMES, "grow_mp": [1.0]}, "grow_mp", "did you mean grow_mps? Rename the column"),

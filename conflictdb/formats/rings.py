@@ -1,0 +1,135 @@
+"""Rings of polygons as files have them: long sides, the antimeridian, and the poles."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.earth.geodesy import WGS84_RADIUS_M
+from conflictdb.formats.contents import Remark
+from conflictdb.model.plans import Area
+
+Floats = NDArray[np.float64]
+
+# Sides of a ring that is straight in longitude and latitude may be rhumb lines that deviate by this, metres.
+DEVIATION_M: Final = 1.0
+# Vertices of a ring beyond which its sides stay as they are.
+MOST_VERTICES: Final = 1_000
+_HALF_TURN_DEG: Final = 180.0
+_POLE_DEG: Final = 89.999
+# Beyond this latitude the formula of the deviation is of no use.
+_HIGHEST_DEG: Final = 89.0
+
+
+class LongSides:
+    """Sides of rings that are straight in longitude and latitude by the standard of their file, and no rhumb lines."""
+
+    def __init__(self) -> None:
+        self._changed: list[str] = []
+        self._kept: list[tuple[float, str]] = []
+
+    def straight(self, key: str, footprint: shapely.MultiPolygon) -> shapely.MultiPolygon:
+        """Return a footprint with vertices along long sides, so that rhumb lines deviate by half of DEVIATION_M.
+
+        A ring that would have more than MOST_VERTICES stays as it is.
+        """
+        worst_m = 0.0
+        is_changed = False
+
+        def along(ring: Floats) -> Floats:
+            nonlocal worst_m, is_changed
+            deviation_m = _deviation_m(ring)
+            if not (deviation_m > DEVIATION_M).any():
+                return ring
+            parts = np.maximum(np.ceil(np.sqrt(deviation_m / (0.5 * DEVIATION_M))), 1.0).astype(np.int64)
+            if parts.sum() > MOST_VERTICES:
+                worst_m = max(worst_m, float(deviation_m.max()))
+                return ring
+            is_changed = True
+            side = np.repeat(np.arange(len(parts)), parts)
+            share = (np.arange(len(side)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[side]
+            return np.concatenate([ring[side] + share[:, None] * np.diff(ring, axis=0)[side], ring[-1:]])
+
+        polygons = [
+            shapely.Polygon(
+                along(shapely.get_coordinates(part.exterior)),
+                [along(shapely.get_coordinates(ring)) for ring in part.interiors],
+            )
+            for part in footprint.geoms
+        ]
+        if worst_m:
+            self._kept.append((worst_m, key))
+        if not is_changed:
+            return footprint
+        self._changed.append(key)
+        return shapely.MultiPolygon(polygons)
+
+    def remarks(self, source: str) -> Iterator[Remark]:
+        """Yield remarks on the footprints that were changed, and on those that were not."""
+        if self._changed:
+            text = f"{len(self._changed):,} areas have long sides, straight in longitude and latitude by the standard"
+            why = f"vertices are added along them, such as of {self._changed[0]:.60}"
+            yield Remark(source, "file", f"{text}: {why}")
+        if self._kept:
+            worst_m, key = max(self._kept)
+            text = (
+                f"{len(self._kept):,} areas have so long sides that they are taken as rhumb lines, not as straight in"
+            )
+            yield Remark(source, "file", f"{text} longitude and latitude: they differ by {worst_m:,.0f} m in {key:.60}")
+
+
+def _deviation_m(ring: Floats) -> Floats:
+    """Return how far the sides of a ring (n, 2) are from rhumb lines between its vertices, metres, at most (n - 1,).
+
+    Where the latitude changes evenly with the longitude, the isometric latitude does not: by 1/8 of its second
+    derivative, sec(lat) tan(lat), times the square of the change.
+    """
+    lon, lat = np.radians(ring).T
+    east, north = np.abs(np.diff(lon)), np.abs(np.diff(lat))
+    highest = np.maximum(np.abs(lat[:-1]), np.abs(lat[1:]))
+    middle = 0.5 * (lat[:-1] + lat[1:])
+    slope = east / np.maximum(np.hypot(east, north / np.cos(middle)), 1e-300)
+    found = WGS84_RADIUS_M * north**2 * np.tan(np.minimum(highest, np.radians(_HIGHEST_DEG))) / 8.0 * slope
+    return np.where(highest > np.radians(_HIGHEST_DEG), 0.0, found)
+
+
+class HalfTurns:
+    """Areas with sides of more than half a turn of longitude, which are probably meant the other way."""
+
+    def __init__(self) -> None:
+        self._keys: list[str] = []
+        self._around_poles: list[str] = []
+
+    def add(self, areas: Iterable[Area]) -> None:
+        """Check some areas; sides along a pole may be of any length."""
+        for area in areas:
+            west, south, east, north = area.footprint.bounds
+            if east - west <= _HALF_TURN_DEG:
+                continue
+            sides = [
+                np.abs(np.diff(ring[:, 0])) * (np.abs(ring[:-1, 1]) < _POLE_DEG) * (np.abs(ring[1:, 1]) < _POLE_DEG)
+                for ring in map(shapely.get_coordinates, _rings(area.footprint))
+            ]
+            if max(float(one.max(initial=0.0)) for one in sides) > _HALF_TURN_DEG:
+                (self._around_poles if max(-south, north) > _POLE_DEG else self._keys).append(area.key)
+
+    def remarks(self, source: str) -> Iterator[Remark]:
+        """Yield one remark for each of the two kinds."""
+        if self._keys:
+            text = f"{len(self._keys):,} areas have sides of more than 180 degrees, such as {self._keys[0]!r:.60}"
+            rule = (
+                "an area across the antimeridian is cut there (RFC 7946, 3.1.9), or has longitudes beyond 180 degrees"
+            )
+            yield Remark(source, "file", f"{text}: they lead the long way round, and {rule}")
+        if self._around_poles:
+            text = f"{len(self._around_poles):,} areas around a pole, such as {self._around_poles[0]!r:.60}, have sides"
+            rule = "only the sides along latitude 90 may be so long; give the others vertices at most 90 degrees apart"
+            yield Remark(source, "file", f"{text} of more than 180 degrees of longitude: {rule}")
+
+
+def _rings(footprint: shapely.MultiPolygon) -> Iterator[shapely.LinearRing]:
+    for part in footprint.geoms:
+        yield part.exterior
+        yield from part.interiors

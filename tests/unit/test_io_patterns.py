@@ -1,0 +1,127 @@
+"""Every pattern of every reader takes time in proportion to its text, whatever that repeats."""
+
+import contextlib
+import importlib
+import pkgutil
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import conflictdb.cli
+import conflictdb.formats
+import conflictdb.model
+from conflictdb import InvalidInput
+from conflictdb.formats import scene_file
+from conflictdb.formats.notam import read_notam
+
+# Each kind of character, and pairs that patterns alternate; with another one before and after.
+SINGLE = [*" \t\n\r0A-/:.,()'°_+;=<\"", "é", "\u2003"]
+KINDS = [*SINGLE, "1 ", "A ", "1,", "1.", "\r\n", "A1", "A-", "1\n", " \n", "A,", "1A"]
+ENDS = [("", ""), ("", "!"), ("A1", "!"), ("(", "x")]
+KB = 1024
+_SCANS = ("search", "finditer", "findall", "sub", "subn", "split")
+
+
+def modules() -> Iterator[ModuleType]:
+    for package in (conflictdb.formats, conflictdb.model, conflictdb.cli):
+        for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            with contextlib.suppress(ImportError):  # an extra that is not installed
+                yield importlib.import_module(found.name)
+
+
+def patterns() -> dict[str, tuple[re.Pattern[str], str]]:
+    """Each pattern with each method that its module calls, by name."""
+    found = {}
+    for module in modules():
+        source = Path(str(module.__file__)).read_text()
+        for name, value in vars(module).items():
+            if not isinstance(value, re.Pattern) or not isinstance(value.pattern, str):
+                continue
+            methods = set(re.findall(rf"\b{name}\.(\w+)", source)) & {*_SCANS, "match", "fullmatch"}
+            for method in sorted({"search" if one in _SCANS else one for one in methods}):
+                found[f"{module.__name__}.{name}.{method}"] = value, method
+    return found
+
+
+def taken_s(pattern: re.Pattern[str], method: str, text: str) -> float:
+    began = time.process_time()
+    if method == "search":
+        for _ in pattern.finditer(text):
+            pass
+    else:
+        getattr(pattern, method)(text)
+    return time.process_time() - began
+
+
+EVERY = patterns()
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_pattern_takes_linear_time(name: str) -> None:
+    """Eight times the text takes less than thirty times as long; with the square it would take sixty-four times."""
+    pattern, method = EVERY[name]
+    for kind in KINDS:
+        for before, after in ENDS:
+            short, longer = (before + kind * (size // len(kind)) + after for size in (8 * KB, 64 * KB))
+            short_s, longer_s = taken_s(pattern, method, short), 0.0
+            assert short_s < 0.2, (short_s, before, kind, after)  # linear ones take a thousandth of it
+            if short_s > 0.02:
+                longer_s = min(taken_s(pattern, method, longer) for _ in range(2))
+            assert longer_s < 30 * max(short_s, 0.01), (
+                f"{longer_s} s after {short_s} s: {before!r}, {kind!r}, {after!r}"
+            )
+
+
+def test_there_are_patterns_of_all_readers() -> None:
+    assert len(EVERY) > 55
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERY)
+def test_a_pattern_takes_linear_time_on_half_a_megabyte(name: str) -> None:
+    pattern, method = EVERY[name]
+    for kind in KINDS:
+        for before, after in ENDS:
+            shorter, longer = (before + kind * (size // len(kind)) + after for size in (64 * KB, 512 * KB))
+            shorter_s = max(taken_s(pattern, method, shorter), 0.01)
+            assert taken_s(pattern, method, longer) < 30 * shorter_s, (before, kind, after)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        " " * 400_000,
+        "(" * 100_000 + " " * 100_000,
+        "\r\n" * 200_000,
+        "A0123/26 " * 50_000,
+        "A0123/26 NOTAMN " * 20_000,
+    ],
+    ids=["blanks", "brackets", "lines", "numbers", "heads"],
+)
+def test_a_notam_of_half_a_megabyte_is_refused_or_read_soon(body: str) -> None:
+    """A thousandth of the steps that the square of its length would take."""
+    began = time.process_time()
+    with pytest.raises(InvalidInput):
+        read_notam(body, "half a megabyte", skip_invalid=False)
+    assert time.process_time() - began < 60.0
+
+
+def test_the_bracket_and_the_blanks_before_a_number_belong_to_that_notam() -> None:
+    one = (
+        "(A0{n}/26 NOTAMN\nQ) EDGG/QRTCA/IV/BO/W/000/999/5005N00830E005\nA) EDGG B) 2601010000 C) 2601020000\nE) AREA)"
+    )
+    found = read_notam("\n".join(one.replace("{n}", str(n)) for n in (123, 124)), "two", skip_invalid=False)
+    assert [area.properties["text"] for area in found.areas] == ["AREA", "AREA"]
+
+
+def test_a_million_rules_are_counted_before_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    def read(*_: object) -> None:
+        raise AssertionError("a rule was read")
+
+    monkeypatch.setattr(scene_file, "rule_of", read)
+    with pytest.raises(InvalidInput, match="must be at most 1,000; got 1,000,000"):
+        scene_file.scene_of({"rules": [{"a_class": "x"}] * 1_000_000}, "s")
