@@ -1,0 +1,294 @@
+"""Paths without a database."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+import geopandas
+import numpy as np
+import shapely
+from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules, same, solved, waiting
+from mixed_scenes import METRES_PER_DEGREE
+
+from conflictdb import Index, chances, delays, detours, resolve, solve, speeds
+from conflictdb.clearing.resolve import moved
+from conflictdb.formats.scene_file import feature_of
+from conflictdb.model.inputs import certain
+from conflictdb.model.plans import Area, Track
+from conflictdb.model.results import Conflict, Delays, Forbidden, Speeds, Verdict
+
+WITHIN_S: Final = 1800.0
+# Delays are compared this close to the ends of forbidden intervals, of the first few.
+_CLOSE_US: Final = 1000
+_MOST_INTERVALS: Final = 3
+# Speeds are compared where rounding does not decide.
+_SHARE: Final = 0.37
+
+
+def other_order(case: Case) -> Finding:
+    """`solve` with the objects in another order."""
+    areas, tracks = case.mixed.areas[::-1], case.mixed.tracks[::-1]
+    return same(case.rows, solved(tracks[1:] + tracks[:1], areas, case.scene).values())
+
+
+def frames(case: Case) -> Finding:
+    """`solve` with GeoDataFrames: the columns of scene files, and the values that JSON has."""
+    tracks, areas = _frame(case.mixed.tracks), _frame(case.mixed.areas)
+    with idle_schedules():
+        return same(case.rows, solve(tracks, areas, case.scene))
+
+
+def _frame(objects: Iterable[Area | Track]) -> geopandas.GeoDataFrame:
+    features = [feature_of(one) for one in objects]
+    rows = [{"id": feature["id"], **feature["properties"]} for feature in features]
+    columns = {name: [row.get(name) for row in rows] for name in dict.fromkeys(name for row in rows for name in row)}
+    shapes = [shapely.geometry.shape(feature["geometry"]) for feature in features]
+    return geopandas.GeoDataFrame(columns, geometry=shapes, crs=4326)
+
+
+def index(case: Case) -> Finding:
+    """`Index`: each plan is probed, then put; and the plan of the scene is probed once all are put."""
+    with idle_schedules():
+        plans = Index(case.scene)
+        found: list[Conflict] = []
+        for one in case.mixed.objects:
+            found += plans.probe(one)
+            plans.put(one)
+        within = plans.probe(case.mixed.plan)
+    finding, of_plan = (
+        same(rows, some, is_exact=case.has_fixed_plane)
+        for rows, some in ((case.rows, found), (case.rows_of_plan, within))
+    )
+    return Finding(finding.compared + of_plan.compared, finding.problems + of_plan.problems)
+
+
+def delays_in_memory(case: Case) -> Finding:
+    """`delays` of one track: forbidden delays conflict, free ones do not."""
+    track = case.single_track()
+    with idle_schedules():
+        [answer] = delays(case.mixed.tracks, case.mixed.areas, case.scene, track.key, WITHIN_S)
+    return claims_of_delays(case, answer, track)
+
+
+def claims_of_delays(case: Case, answer: Delays, track: Track) -> Finding:
+    """Check the claims of delays by moving the track and solving again."""
+    finding, whole_us = Finding(), round(1e6 * WITHIN_S)
+    for at_us, is_free, one in _delays_to_check(answer, -whole_us, whole_us):
+        met = case.met_after(delayed(track, at_us))
+        if is_free:
+            finding.check(not met, f"{track.key}: delay {at_us / 1e6} s is free, but meets {met}")
+        elif one is not None:
+            if one.is_proven:
+                finding.check(bool(met), f"{track.key}: delay {at_us / 1e6} s is forbidden, but meets nothing")
+            finding.check(met <= set(one.by), f"{track.key}: delay {at_us / 1e6} s meets {met}, not only {one.by}")
+    for sign, least_s in ((1, answer.least_later_s), (-1, answer.least_earlier_s)):
+        if least_s is not None:
+            met = case.met_after(delayed(track, sign * round(1e6 * least_s)))
+            finding.check(not met, f"{track.key}: advised delay {sign * least_s} s meets {met}")
+    finding.problems += _blocking(answer, track.key)
+    return finding
+
+
+def _delays_to_check(answer: Delays, low_us: int, high_us: int) -> Iterator[tuple[int, bool, Forbidden | None]]:
+    """Yield delays close to the ends of forbidden intervals, on both sides, whether each is free, and its interval."""
+    reached_us = low_us
+    for one in answer.forbidden[:_MOST_INTERVALS]:
+        from_us, to_us = round(1e6 * one.from_s), round(1e6 * one.to_s)
+        first_us = from_us + round(1e6 * one.from_error_s) + _CLOSE_US
+        last_us = to_us - round(1e6 * one.to_error_s) - _CLOSE_US
+        if from_us - _CLOSE_US > reached_us:
+            yield from_us - _CLOSE_US, True, None
+        if first_us < last_us:
+            yield first_us, False, one
+            yield last_us, False, one
+        reached_us = to_us + _CLOSE_US
+        if to_us < high_us and all(abs(1e6 * other.from_s - to_us) > 2 * _CLOSE_US for other in answer.forbidden):
+            yield reached_us, True, None
+    if not answer.forbidden:
+        yield high_us // 3, True, None
+
+
+def _blocking(answer: Delays, key: str) -> list[str]:
+    """Return objects that are said to block every possible delay, although their intervals leave gaps."""
+    low, high = answer.earliest_s, answer.latest_s
+    return [
+        f"{key}: {other} is said to block {low} to {high} s, but the delays that it forbids leave gaps"
+        for other in answer.blocked_by
+        if not _covers([(one.from_s, one.to_s) for one in answer.forbidden if other in one.by], low, high)
+    ]
+
+
+def _covers(intervals: list[tuple[float, float]], low: float, high: float) -> bool:
+    for start, end in sorted(intervals):
+        if start > low + 1e-5:
+            return False
+        low = max(low, end)
+    return low >= high - 1e-5
+
+
+def waits_in_memory(case: Case) -> Finding:
+    """`delays` at a waypoint: the track stands there longer."""
+    track = case.single_track(is_exact=True)
+    inner = len(track.times_us) - 2
+    if inner < 1 or _has_heights_of_legs(track) or track.grow_mps or track.outlines_m is not None:
+        raise NotApplicable("no waypoint between two legs, or a haven or heights by leg")
+    finding = Finding()
+    for one in (case, *_beside_the_waypoint(case, track)):
+        with idle_schedules():
+            [answer] = delays(one.mixed.tracks, one.mixed.areas, one.scene, track.key, WITHIN_S, waypoint=2)
+        claims = claims_of_waits(one, answer, track)
+        finding.compared += claims.compared
+        finding.problems += claims.problems
+    return finding
+
+
+def _beside_the_waypoint(case: Case, track: Track) -> Iterator[Case]:
+    """Yield scenes of the track and a small area beside its second waypoint: the heading of the wait decides."""
+    reach_m = float(np.hypot(*track.outline_m.T).max())
+    lon, lat = track.positions_deg[1].tolist()
+    leaves_us = int(track.times_us[1])
+    for bearing in np.radians([20.0, 110.0, 200.0, 290.0]).tolist() if reach_m else ():
+        north, east = np.cos(bearing) * reach_m / METRES_PER_DEGREE, np.sin(bearing) * reach_m / METRES_PER_DEGREE
+        x, y, half = lon + 0.55 * east / np.cos(np.radians(lat)), lat + 0.55 * north, 0.02 * reach_m / METRES_PER_DEGREE
+        box = shapely.box(x - half / np.cos(np.radians(lat)), y - half, x + half / np.cos(np.radians(lat)), y + half)
+        start, end = certain(leaves_us + 120_000_000), certain(leaves_us + 720_000_000)
+        areas = [Area("beside", box, start_us=start, end_us=end)]
+        scene = replace(case.scene, separation_m=0.0, rules=(), tolerance_m=min(case.scene.tolerance_m, 1.0))
+        yield Case(replace(case.mixed, scene=scene, areas=areas, tracks=[track]), case.folder)
+
+
+def claims_of_waits(case: Case, answer: Delays, track: Track) -> Finding:
+    """Check the claims of waits at the second waypoint."""
+    finding = Finding()
+    for at_us, is_free, one in _delays_to_check(answer, 0, round(1e6 * WITHIN_S)):
+        if at_us > _CLOSE_US:
+            met = case.met_after(waiting(track, 2, at_us))
+            if is_free:
+                finding.check(not met, f"{track.key}: a wait of {at_us / 1e6} s is free, but meets {met}")
+            elif one is not None and one.is_proven:
+                finding.check(bool(met), f"{track.key}: a wait of {at_us / 1e6} s is forbidden, but meets nothing")
+    if answer.least_later_s:
+        met = case.met_after(waiting(track, 2, round(1e6 * answer.least_later_s)))
+        finding.check(not met, f"{track.key}: the advised wait of {answer.least_later_s} s meets {met}")
+    return finding
+
+
+def _has_heights_of_legs(track: Track) -> bool:
+    return track.floors_m is not None or track.ceilings_m is not None
+
+
+def speeds_in_memory(case: Case) -> Finding:
+    """`speeds` of one track: forbidden speeds conflict, free ones do not."""
+    track = case.single_track(is_exact=True)
+    with idle_schedules():
+        [answer] = speeds(case.mixed.tracks, case.mixed.areas, case.scene, track.key, 0.6, 1.8)
+    return claims_of_speeds(case, answer, track)
+
+
+def claims_of_speeds(case: Case, answer: Speeds, track: Track) -> Finding:
+    """Check the claims of speeds by changing the speed and solving again."""
+    finding = Finding()
+    reached = 0.6
+    for one in answer.forbidden:
+        factor = one.from_factor + _SHARE * (one.to_factor - one.from_factor)
+        met = case.met_after(at_speed(track, factor))
+        if one.is_proven and one.to_factor - one.from_factor > 1e-4:
+            finding.check(bool(met), f"{track.key}: speed {factor} is forbidden, but meets nothing")
+        finding.check(met <= set(one.by), f"{track.key}: speed {factor} meets {met}, not only {one.by}")
+        if one.from_factor - reached > 1e-3:
+            free = reached + _SHARE * (one.from_factor - reached)
+            met = case.met_after(at_speed(track, free))
+            finding.check(not met, f"{track.key}: speed {free} is free, but meets {met}")
+        reached = one.to_factor
+    for factor in {one for one in (answer.slower, answer.faster) if one is not None}:
+        met = case.met_after(at_speed(track, factor))
+        finding.check(not met, f"{track.key}: advised speed {factor} meets {met}")
+    return finding
+
+
+def detours_in_memory(case: Case) -> Finding:
+    """`detours`: no way meets anything."""
+    track = case.single_track(is_exact=True)
+    with idle_schedules():
+        ways = detours(case.mixed.tracks, case.mixed.areas, case.scene, key=track.key, most_m=6000.0, later_s=1800.0)
+    if not ways:
+        raise NotApplicable("there is no way")
+    finding = Finding()
+    for way in [*ways[:2], *ways[-1:]]:
+        met = case.met_after(way.track)
+        finding.check(not met, f"{track.key}: detour {way.waypoints_deg} meets {met}")
+    return finding
+
+
+def resolve_in_memory(case: Case, aside_m: float = 0.0) -> Finding:
+    """`resolve`: after its moves, moved tracks meet nothing, and the others nothing new."""
+    repeated = [
+        track.key for track in case.mixed.tracks if track.departures_us is not None or track.schedule is not None
+    ]
+    with idle_schedules():
+        proposal = resolve(
+            case.mixed.tracks,
+            case.mixed.areas,
+            case.scene,
+            within_s=WITHIN_S,
+            limit_s=5.0,
+            aside_m=aside_m,
+            keep=repeated,
+        )
+    return claims_of_resolve(case, proposal, repeated)
+
+
+def resolve_with_ways(case: Case) -> Finding:
+    """`resolve` with new waypoints."""
+    return resolve_in_memory(case, 3000.0)
+
+
+def claims_of_resolve(case: Case, proposal: Any, kept: list[str]) -> Finding:
+    """Check a proposal by moving all its tracks and solving again; kept tracks stay, and may meet each other."""
+    finding = Finding()
+    scene = replace(case.scene, nearest_m=0.0)
+    moves = {move.key: move for move in proposal.moves}
+    left = {one.key for one in proposal.left}
+    tracks = [moved(scene, track, moves[track.key]) if track.key in moves else track for track in case.mixed.tracks]
+    after = solved(tracks, case.mixed.areas, scene)
+    concerned = {key for pair, row in case.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
+    for track in tracks:
+        if track.key in concerned | moves.keys() and track.key not in left and track.key not in kept:
+            met = [pair for pair in after if track.key in pair and not set(pair) & left]
+            finding.check(not met, f"{track.key} meets {met} after the proposal")
+    return finding
+
+
+def chances_in_memory(case: Case) -> Finding:
+    """`chances` of one track with three departures: each bound contains the share of departures in conflict."""
+    track = case.single_track()
+    delays_s = [0.0, 240.0, -600.0]
+    with idle_schedules():
+        answer = chances(case.mixed.tracks, case.mixed.areas, case.scene, {track.key: delays_s})
+    met = [case.met_after(delayed(track, round(1e6 * by_s))) for by_s in delays_s]
+    finding = Finding()
+    keys = {one.key for one in case.mixed.objects} - {track.key}
+    for other in sorted(keys):
+        share = sum(other in some for some in met) / len(met)
+        pair = next((p for p in ((track.key, other), (other, track.key)) if p in answer.pairs), None)
+        low, high = answer.pairs[pair] if pair else (0.0, 0.0)
+        if share or pair:
+            finding.check(
+                low - 1e-9 <= share <= high + 1e-9,
+                f"{track.key} meets {other} with probability {share}, not from {low} to {high}",
+            )
+    return finding
+
+
+MEMORY_PATHS: Final = {
+    "solve, other order": other_order,
+    "GeoDataFrames": frames,
+    "Index": index,
+    "delays": delays_in_memory,
+    "delays at a waypoint": waits_in_memory,
+    "speeds": speeds_in_memory,
+    "detours": detours_in_memory,
+    "resolve": resolve_in_memory,
+    "resolve with ways": resolve_with_ways,
+    "chances": chances_in_memory,
+}

@@ -1,0 +1,86 @@
+"""Every path gives the answer of `solve`, with every feature of plans, or refuses by a row of `path_limits`."""
+
+import secrets
+from collections.abc import Mapping
+from pathlib import Path as Folder
+from typing import Any, Final
+
+import psycopg
+import pytest
+from case import Case
+from database_paths import StoredCase
+from mixed_scenes import FEATURES, mixed_scene
+from path_table import IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, Path, Table
+
+from conflictdb import connect
+from conflictdb.model.path_limits import PATH_LIMITS
+
+# Each cell has this many scenes at least, of this many seeds.
+LEAST: Final = 1
+SEEDS: Final = range(4 * len(FEATURES))
+# No path may refuse these features; separation in time is refused by speeds alone.
+NEVER_REFUSED: Final = (
+    *("schedules of areas", "schedules of tracks", "departures", "heights", "heights of legs", "climbs", "owners"),
+    *("separation by class", "allowed pairs", "vertical separation by class", "separation", "vertical separation"),
+)
+
+
+def assert_whole(table: Table, paths: Mapping[str, Path]) -> None:
+    assert not table.problems, "\n".join(table.problems[:20])
+    assert not table.empty(paths)
+    assert not table.unused(paths)
+
+
+def test_paths_in_memory(tmp_path: Folder) -> None:
+    table = Table()
+    for seed in SEEDS:
+        table.put(Case(mixed_scene(seed), tmp_path), IN_MEMORY, LEAST)
+    assert_whole(table, IN_MEMORY)
+
+
+def test_paths_in_a_database(conn: psycopg.Connection[Any], dsn: str, tmp_path: Folder) -> None:
+    table = Table()
+    for seed in SEEDS:
+        put_stored(table, seed, conn, dsn, tmp_path, IN_DATABASE, LEAST)
+    assert_whole(table, IN_DATABASE)
+
+
+def put_stored(
+    table: Table,
+    seed: int,
+    conn: psycopg.Connection[Any],
+    dsn: str,
+    folder: Folder,
+    paths: Mapping[str, Path],
+    least: int | None,
+) -> None:
+    """Put a scene to paths of a database, and remove it."""
+    mixed = mixed_scene(seed)
+    if least is not None and not any(table.wants(name, mixed.features, least) for name in paths):
+        return
+    with connect(conn) as db:
+        case = StoredCase(mixed, folder, db=db, dsn=dsn)
+        table.put(case, paths, least)
+        case.remove()
+
+
+def test_limits_are_few_and_of_known_cells() -> None:
+    assert len(PATH_LIMITS) <= 25
+    assert len({(limit.path, limit.feature) for limit in PATH_LIMITS}) == len(PATH_LIMITS)
+    for limit in PATH_LIMITS:
+        assert limit.path in PATHS, limit
+        assert limit.feature in FEATURES, limit
+        assert limit.feature not in NEVER_REFUSED, limit
+        assert not limit.feature.startswith("separation in time") or limit.path.startswith("speeds"), limit
+        assert (limit.path, limit.feature) not in NOT_APPLICABLE
+    assert all(path in PATHS and reason for (path, _), reason in NOT_APPLICABLE.items())
+
+
+@pytest.mark.slow
+def test_free_seeds(conn: psycopg.Connection[Any], dsn: str, tmp_path: Folder) -> None:
+    """Seeds that no other run has; each problem names its seed, and the command that repeats it."""
+    table, first = Table(), secrets.randbelow(2**31)
+    for seed in range(first, first + 100):
+        table.put(Case(mixed_scene(seed), tmp_path), IN_MEMORY)
+        put_stored(table, seed, conn, dsn, tmp_path, IN_DATABASE, None)
+    assert not table.problems, "\n".join(table.problems[:20])
