@@ -28,7 +28,8 @@ _KEY: Final = r"[A-Z]\d{1,6}/(?:20)?\d\d(?!\d)"
 _NUMBER: Final = re.compile(rf"({_KEY})\s+NOTAM(?:([NRC])\b(?:\s+({_KEY}))?|(?=\s+Q\)))", re.ASCII | re.IGNORECASE)
 # As !FDC 6/1234.
 _DOMESTIC: Final = re.compile(r"^[ \t(]*(!\w{2,4}[ \t]+\d{1,2}/\d{1,4})(?!\d)", re.ASCII | re.MULTILINE)
-_ITEM_Q: Final = re.compile(r"(?:(?<=\s)|^)Q\)", re.IGNORECASE)
+# At the start of a line, or before a FIR: "(BTN J AND Q)" in item E is none.
+_ITEM_Q: Final = re.compile(r"^[ \t(]*Q\)|(?<=\s)Q\)(?=\s*[A-Z]{4}\s*/)", re.IGNORECASE | re.MULTILINE)
 _ITEM: Final = re.compile(r"(?:(?<=\s)|^)([QABCDEFG])\)\s*")
 _Q: Final = re.compile(
     r"([A-Z]{4})/(Q[A-Z]{4})/[A-Z ]*/[A-Z ]*/[A-Z ]*/(\d{3})/(\d{3})/(\d{4})([NS])(\d{5})([EW])(\d{3})"
@@ -73,6 +74,8 @@ _LEADS_IN: Final = re.compile(r"(?:-|\bTO|\bTHEN)[\s,;]*$")
 _LEADS_ON: Final = re.compile(r"[\s,;]*(?:-|TO\b|THEN\b)[\s,;]*(?!BACK|START|ORIGIN|BEGINNING|POINT OF ORIGIN|FIRST)\w")
 _CURVED: Final = re.compile(r"\b(ARC|CLOCKWISE|ANTICLOCKWISE|BORDER|BOUNDARY|COAST|ALONG|FOLLOWING|SECTOR|BTN|EXC)\b")
 _HEIGHT: Final = re.compile(r"FL\s?(\d{1,3})|(\d{1,5})\s?(FT|M)\s*(AMSL|MSL|AGL|ASFC|SFC|GND)?")
+# What items F and G begin with.
+_LIMIT: Final = re.compile(r"\s*(?:SFC|GND|UNL|FL\s?\d|\d)")
 _UNITS_M: Final = {"NM": METRES_PER_NMI, "KM": 1000.0, "M": 1.0}
 _MINUTE_US: Final = 60_000_000
 _WHOLE_FIR: Final = 999
@@ -162,10 +165,20 @@ def _check_items_q(who: str, text: str, most: int) -> None:
 def _items(who: str, body: str) -> dict[str, str]:
     """Return the texts of items by their letters; raises InvalidInput for one given twice or missing."""
     marks: list[re.Match[str]] = []
+    limits: dict[str, list[re.Match[str]]] = {"F": [], "G": []}
     for mark in _ITEM.finditer(body):
+        in_e = bool(marks) and marks[-1][1] == "E"
+        if mark[1] in limits and in_e:
+            text = body[marks[-1].end() : mark.start()]
+            if text.count("(") <= text.count(")"):  # else it closes a parenthesis, as in "(TWY E INTO F)"
+                limits[mark[1]].append(mark)
         # Letters come in this order; a later "A)" is an enumeration in item E.
-        if not marks or "QABCDEFG".index(mark[1]) > "QABCDEFG".index(marks[-1][1]):
+        elif not marks or "QABCDEFG".index(mark[1]) > "QABCDEFG".index(marks[-1][1]):
             marks.append(mark)
+    for letter in limits:
+        # The last of several, and one that a height follows before all others.
+        after = [mark for mark in limits[letter] if mark.start() >= marks[-1].end()]
+        marks += [mark for mark in after if _LIMIT.match(body, mark.end())][-1:] or after[-1:]
     ends = [*(mark.start() for mark in marks), len(body)]
     items = {mark[1]: body[mark.end() : end].strip() for mark, end in zip(marks, ends[1:], strict=True)}
     missing = [letter for letter in "QABCE" if not items.get(letter)]
@@ -225,12 +238,13 @@ def _shape(who: str, text: str, q: "re.Match[str]", found: Gathered) -> tuple[sh
         ring = ring if ring[0] == ring[-1] else [*ring, ring[0]]
         line = along_shortest_lines(who, "E", np.array(ring, np.float64))
         return shapely.MultiPolygon([shapely.Polygon(line)]), False
+    is_rough = bool(places) or _OTHER_PLACE.search(text) is not None
     miles = int(q[9])
     if miles in (0, _WHOLE_FIR):
         raise InvalidInput(who, "Q", f"has no circle to use (radius {q[9]}), and item E no plain circle or polygon")
     lon, lat = _minutes(who, "Q", q[7], q[8], 3), _minutes(who, "Q", q[5], q[6], 2)
     # Its centre is rounded to a minute.
-    return found.circle(who, lon, lat, (miles + 1) * METRES_PER_NMI), bool(places)
+    return found.circle(who, lon, lat, (miles + 1) * METRES_PER_NMI), is_rough
 
 
 def _is_plain(text: str, places: Sequence["re.Match[str]"]) -> bool:

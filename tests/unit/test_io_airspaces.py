@@ -606,3 +606,32 @@ def test_an_end_of_a_day_is_the_next_midnight(tmp_path: Path) -> None:
     """2359 in item C, and a date without a time as the end of a valid time."""
     assert minutes(one(tmp_path, notam(c="2603312359"), "a.txt").end_us) == np.datetime64("2026-04-01T00:00")
     assert minutes(one(tmp_path, notam(c="2603312358"), "a.txt").end_us) == np.datetime64("2026-03-31T23:58")
+
+
+@pytest.mark.parametrize(
+    ("words", "floor", "ceiling"),
+    [
+        ("TWY K (BTN J AND Q) CLSD", "SFC", "1000FT AMSL"),
+        ("TWY (E INTO F) AND (H INTO G) CLSD", "SFC", "1000FT AMSL"),
+        ("TWY E INTO F) AND\nG) CLSD", "SFC", "1000FT AMSL"),
+        ("A) GUNS B) ROCKETS F) MORTARS G) OTHERS", "FL010", "FL100"),
+        ("TWY K (BTN J AND Q) CLSD", "1000FT AMSL", "2000FT AMSL"),
+    ],
+)
+def test_letters_in_item_e_are_no_items(words: str, floor: str, ceiling: str, tmp_path: Path) -> None:
+    """They began item Q of a NOTAM that is not there, or took the place of items F and G."""
+    text = notam(f"{RING}. {words}", f=floor, g=ceiling)
+    area = one(tmp_path, text, "a.txt", hints=AT_ALL_HEIGHTS)
+    plain = one(tmp_path, notam(f=floor, g=ceiling), "a.txt", hints=AT_ALL_HEIGHTS)
+    assert (area.floor_m, area.ceiling_m) == (plain.floor_m, plain.ceiling_m)
+    assert area.properties["text"].endswith(" ".join(words.split()))
+
+
+def test_coordinates_that_are_not_read_are_remarked(tmp_path: Path) -> None:
+    found = contents(
+        tmp_path, notam("AREA 54 00 00N 010 20 00E - 54 10 00N 010 20 00E - 54 10 00N 010 40 00E"), "a.txt"
+    )
+    assert [one.text for one in found.remarks][:1] == [
+        "item E describes its area otherwise: the circle of item Q is used"
+    ]
+    assert not contents(tmp_path, notam("GUN FIRING"), "a.txt").remarks
