@@ -6,16 +6,18 @@ import zipfile
 import zlib
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import TOO_LARGE, FileRefusals, Remark
 from conflictdb.formats.file_objects import AREA_MEMBERS, DATUM, TRACK_MEMBERS
 from conflictdb.formats.instants import format_instant, parse_instant
+from conflictdb.formats.kml_rewriting import rewritten
 from conflictdb.formats.xml_text import Element, parsed
 
 # The reference of altitudes, by mode.
@@ -46,7 +48,12 @@ class KmlDocument:
     """A KML file, or that inside of an archive; raises InvalidInput if OGR would not read it as it is written."""
 
     def __init__(self, path: Path, inside: str | None, max_file_mb: float) -> None:
-        self.root = parsed(_text(path, inside, max_file_mb))
+        text = _text(path, inside, max_file_mb)
+        self.root = parsed(text)
+        # Refuses document types before; None: OGR reads the file itself.
+        self.rewritten = rewritten(text)
+        if self.rewritten is not None:
+            self.root = parsed(self.rewritten)
         spans = list(self.root.all("TimeSpan"))
         self._check()
         self._begins, self._ends = (sorted(_finer(spans, name)) for name in ("begin", "end"))
@@ -69,6 +76,17 @@ class KmlDocument:
                 if any((one.get("name") or "").lower() in _HEIGHTS for one in data):
                     _check_modes(who, placemark)
         refusals.raise_found()
+
+    @contextmanager
+    def for_ogr(self, path: Path) -> Iterator[Path]:
+        """Yield the file that OGR is to read: the given one, or a rewritten one of its name."""
+        if self.rewritten is None:
+            yield path
+            return
+        with TemporaryDirectory(prefix="conflictdb-") as folder:
+            file = Path(folder) / f"{path.stem}.kml"
+            file.write_text(self.rewritten, encoding="utf-8")
+            yield file
 
     def exact(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the columns of a feature with all digits of times, and numbers of Data, which are texts in KML."""

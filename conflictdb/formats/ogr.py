@@ -17,6 +17,7 @@ The OGR library runs in a confined process: see `confined` and `ogr_child`.
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.util import find_spec
@@ -143,7 +144,8 @@ def read_objects(
     inside = check_archive(path, max_file_mb)
     is_kml = inside is not None or path.suffix.lower() == ".kml"
     document = KmlDocument(path, inside, max_file_mb) if is_kml else None
-    layers = read_layers(path, max_file_mb)
+    with nullcontext(path) if document is None else document.for_ogr(path) as readable:
+        layers = read_layers(readable, max_file_mb)
     if not layers:
         raise InvalidInput("file", "", "holds no layer with geometries")
     if document is None and any(set(layer.fields) >= _KML_FIELDS for layer in layers):

@@ -16,6 +16,7 @@ Numbers of columns, errors, objects and corners of circles are bounded too (`con
 import codecs
 import gzip
 import math
+import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -57,6 +58,10 @@ MAX_FILE_MB: Final = 64.0
 
 # What columns may be mapped to.
 _FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
+# Airspaces begin with their class; then come a name, heights, or points.
+_OPEN_AIR: Final = re.compile(
+    r"^AC[ \t]+\S.*$(?:\s*^(?:\*.*|[A-Z]{2}[ \t].*)$)*?\s*^(?:AN|AH|AL|DP|DC|V)[ \t]", re.MULTILINE
+)
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 
 
@@ -288,7 +293,11 @@ def _read_xml(file: _File) -> Contents:
 def _read_notam(file: _File) -> Contents:
     from conflictdb.formats.notam import read_notam
 
-    return read_notam(file.text(), str(file.path), skip_invalid=file.skip_invalid)
+    text = file.text()
+    if _OPEN_AIR.search(text):
+        rule = "is OpenAir, which is not read: convert it to KML, GeoPackage or AIXM, with the times of its airspaces"
+        raise InvalidInput("file", "", rule)
+    return read_notam(text, str(file.path), skip_invalid=file.skip_invalid)
 
 
 def _read_ogr(file: _File) -> Contents:
@@ -307,7 +316,7 @@ _READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
     **dict.fromkeys(_JSON, _read_json),
     **dict.fromkeys((".csv", ".tsv"), _read_rows),
     **dict.fromkeys(PARQUET, _read_parquet),
-    **dict.fromkeys((".txt", ".notam"), _read_notam),
+    **dict.fromkeys((".txt", ".notam", ".openair", ".air"), _read_notam),
     **dict.fromkeys((".rtz", ".xml", ".gml", ".s421", ".gpx"), _read_xml),
 }
 

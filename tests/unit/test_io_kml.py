@@ -9,7 +9,7 @@ import pytest
 import shapely
 from ogr_files import write_layer
 
-from conflictdb import InvalidInput, Scene, read
+from conflictdb import FileHints, InvalidInput, Scene, read
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.model.plans import Area, Track
 
@@ -47,7 +47,7 @@ def modes(*given: str) -> str:
     ("text", "rule"),
     [
         (kml(more=span("01.01.2026", "2026-01-02T00:00:00Z")), "begin: must be a date and time in ISO 8601"),
-        (kml(more=span("2026-01-01T00:00:00Z", "2027")), "end: must be a date and time in ISO 8601, .*; got '2027'"),
+        (kml(more=span("2026-01-01T00:00:00Z", "2027-13")), "end: must be a date and time .*; got '2027-13'"),
         (
             kml(more=FLOOR.format("ten"), outside=SCHEMA.format("double")),
             "floor_m: must be a number of the type double",
@@ -239,3 +239,70 @@ def test_kml_of_another_name_is_refused(tmp_path: Path) -> None:
     path.write_text(kml())
     with pytest.raises(InvalidInput, match=r"is KML: its name must end with \.kml or \.kmz"):
         read(path)
+
+
+BOX = (
+    "<Polygon><outerBoundaryIs><LinearRing><coordinates>9,57 9.1,57 9.1,57.01 9,57</coordinates></LinearRing>"
+    "</outerBoundaryIs></Polygon>"
+)
+
+
+def spanning(begin: str, end: str) -> str:
+    return f"<TimeSpan><begin>{begin}</begin><end>{end}</end></TimeSpan>"
+
+
+def document(path: Path, *parts: str, version: str = "2.2") -> Path:
+    path.write_text(f'<kml xmlns="http://www.opengis.net/kml/{version}"><Document>{"".join(parts)}</Document></kml>')
+    return path
+
+
+def test_times_are_those_of_the_nearest_folder(tmp_path: Path) -> None:
+    """They were not inherited: the area was active for ever. Lines and tracks keep their own."""
+    june, july = (spanning(f"2026-0{m}-01T00:00:00Z", f"2026-0{m}-02T00:00:00Z") for m in (6, 7))
+    stamp = "<TimeStamp><when>2026-06-01T00:00:00Z</when></TimeStamp>"
+    marks = {
+        name: f"<Placemark><name>{name}</name><styleUrl>#s</styleUrl>{span}{BOX}</Placemark>"
+        for name, span in (("A", ""), ("B", july), ("C", ""), ("D", ""), ("E", ""))
+    }
+    line = "<Placemark><name>L</name><LineString><coordinates>9,57 9.1,57</coordinates></LineString></Placemark>"
+    inner = f"<Folder>{july}{marks['C']}</Folder>"
+    path = document(tmp_path / "a.kml", f"<Folder>{june}{marks['A']}{marks['B']}{inner}{line}</Folder>", marks["D"])
+    months = {one.key: one.start_us and np.datetime64(one.start_us, "us").item().month for one in read(path).areas}
+    assert months == {"A": 6, "B": 7, "C": 7, "D": None}
+    path = document(tmp_path / "b.kml", f"{june}<Folder>{stamp}{marks['A']}</Folder>{marks['E']}")
+    assert {one.key: one.start_us is not None for one in read(path).areas} == {"A": False, "E": True}
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "first", "after"),
+    [
+        ("2026-06-01", "2026-06-30", "2026-06-01", "2026-07-01"),
+        ("2026-02", "2026-02", "2026-02-01", "2026-03-01"),
+        ("2025", "2026", "2025-01-01", "2027-01-01"),
+        ("2026-12", "2026-12-31", "2026-12-01", "2027-01-01"),
+    ],
+)
+def test_an_end_contains_its_day_month_or_year(begin: str, end: str, first: str, after: str, tmp_path: Path) -> None:
+    path = document(tmp_path / "a.kml", f"<Placemark><name>A</name>{spanning(begin, end)}{BOX}</Placemark>")
+    (area,) = read(path, hints=FileHints(time_zone="UTC")).areas
+    assert area.start_us == int(np.datetime64(first, "us").astype(int))
+    assert area.end_us == int(np.datetime64(after, "us").astype(int))
+
+
+def test_tracks_of_kml_2_3_and_fixes_without_a_place(tmp_path: Path) -> None:
+    whens = "".join(f"<when>2026-06-01T1{hour}:00:00Z</when>" for hour in range(3))
+    coords = "<coord>9 57 0</coord><coord/><coord>9.1 57 0</coord>"
+    path = document(
+        tmp_path / "a.kml", f"<Placemark><name>T</name><Track>{whens}{coords}</Track></Placemark>", version="2.3"
+    )
+    (track,) = read(path).tracks
+    assert track.positions_deg.tolist() == [[9.0, 57.0], [9.1, 57.0]]
+    assert np.diff(track.times_us).tolist() == [7_200_000_000]
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a.openair"])
+def test_open_air_is_refused_by_its_name(name: str, tmp_path: Path) -> None:
+    """It was refused as a NOTAM."""
+    (tmp_path / name).write_text("* made\nAC R\nAN EDR TEST\nAL GND\nAH FL95\nDP 57:00:00 N 010:00:00 E\n")
+    with pytest.raises(InvalidInput, match="is OpenAir, which is not read: convert it"):
+        read(tmp_path / name)
