@@ -111,7 +111,8 @@ BEGIN
     END LOOP;
     -- All voyages are delayed together: by what the first one may be.
     starts_us := coalesce(round(extract(epoch FROM p_departures[1]) * 1000000)::bigint, round(ST_M(v_first) * 1e6));
-    leaves_us := starts_us + round(ST_M(ST_PointN(p_path, v_stands)) * 1e6)::bigint - round(ST_M(v_first) * 1e6)::bigint;
+    leaves_us := starts_us + round(ST_M(ST_PointN(p_path, v_stands)) * 1e6)::bigint
+                 - round(ST_M(v_first) * 1e6)::bigint;
 END
 $$;
 COMMENT ON FUNCTION _first_stop(geometry, timestamptz[]) IS
@@ -252,8 +253,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _stored_differences(bigint, text, bigint) IS
-'Stored differences of a track, or of each, as closed intervals, forbidden or proven, with the key of the other object; '
-'when it begins, and leaves its first waypoint. A row of nulls: they are not complete, or not within this horizon.';
+'Stored differences of a track, or of each, as closed intervals, forbidden or proven, with the key of the other '
+'object; when it begins, and leaves its first waypoint. A row of nulls: they are not complete, or not within this horizon.';
 
 CREATE OR REPLACE FUNCTION delays_of(
     p_scene text, p_key text DEFAULT NULL, p_horizon interval DEFAULT NULL, p_now timestamptz DEFAULT NULL

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2751231eddde0636aca13c7e79177f29f1cf7ade805b8780a83001d309f734b3"
+routines_sha256 = "0c5b4ad7b5173da292b0e0c99a251359efea5c5d13d49a4b669ee70be2eaa106"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
