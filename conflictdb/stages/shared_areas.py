@@ -3,6 +3,7 @@
 A union of the intersections of all pairs of parts takes time with the square of their number; this is nearly linear.
 """
 
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
@@ -78,12 +79,13 @@ def _whole(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> shapely.Geo
     of = np.repeat(np.arange(len(rows)), count)
     xy: Floats = pieces.shape_xy[index] + np.stack([plane.turn_m * pieces.turn[rows][of], np.zeros(len(of))], axis=1)
     parts = shapely.polygons(shapely.linearrings(xy, indices=of))
-    # Parts of a cut object have the same corners where they meet. An object that cannot be cut is a hull, which may
-    # overlap.
-    whole = shapely.coverage_union_all(parts)
-    area = shapely.area(parts).sum()
-    if shapely.is_valid(whole) and abs(shapely.area(whole) - area) <= _AREA_SHARE * area:
-        return whole
+    # Parts of a cut object have the same corners where they meet. Those of an object that cannot be cut are hulls,
+    # which may overlap; corners that differ by rounding are no coverage either, and GEOS then raises an error.
+    with suppress(shapely.errors.GEOSException):
+        whole = shapely.coverage_union_all(parts)
+        area = shapely.area(parts).sum()
+        if shapely.is_valid(whole) and abs(shapely.area(whole) - area) <= _AREA_SHARE * area:
+            return whole
     return shapely.union_all(parts, grid_size=_GRID_M)
 
 
