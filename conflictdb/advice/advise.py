@@ -23,7 +23,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
-from conflictdb.earth.registry import Setup, centred
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
@@ -34,6 +34,7 @@ from conflictdb.model.results import Verdict
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_stages
 from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.world import World
 
 __all__ = ["Advice", "Estimate", "Trial", "advise"]
 
@@ -122,7 +123,7 @@ def advise(
         return Advice(scene, seed, 0, 0, 0, 0, (), "the scene holds no objects: there is nothing to detect.")
     if scene.rules:
         raise InvalidInput("advise", "rules", "costs are not estimated with separation rules: remove them from a copy")
-    setup = Setup.of(centred(scene, areas, tracks))
+    setup = World.around(scene, areas, tracks).setup
     scene = setup.scene
     drawn = _Sample(setup, areas, tracks, sample, np.random.default_rng(seed))
     if not drawn.pairs:

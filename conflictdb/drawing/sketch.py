@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind, distinct_labels
 from conflictdb.stages.climbs import bands_at
-from conflictdb.stages.pieces.covers import COVER, pieces_of
+from conflictdb.stages.pieces.covers import COVER
 from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
 from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.world import World, occupy
 
 _Ints = NDArray[np.int64]
 _TURN_DEG: Final = 360.0
@@ -34,13 +33,14 @@ class Sketch:
     """
 
     def __init__(self, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-        self.setup = Setup.of(centred(scene, areas, tracks))
+        world = World.around(scene, areas, tracks)
+        self.setup = world.setup
         self.keys = [*(area.key for area in areas), *(track.key for track in tracks)]
         objects: list[Area | Track] = [*areas, *tracks]
         labels = distinct_labels({one.key: one.name for one in objects})
         self.labels = [labels[key] for key in self.keys]
         self._areas, self._tracks = areas, tracks
-        self.pieces = pieces_of(self.setup, AreaBatch.of(areas), TrackBatch.of(tracks))
+        self.pieces = occupy(world, areas, tracks, is_lenient=True).pieces
         self._owner = self.pieces.object_id + np.where(self.pieces.kind == Kind.TRACK.code, len(areas), 0)
         self._prepared = kernel.KernelScene(self.setup.plane.kernel_plane, self.pieces)
         self._middle_m = self._middles()

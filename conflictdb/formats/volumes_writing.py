@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, shorter_way_deg
-from conflictdb.earth.registry import Setup, centred
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.file_objects import ruled_properties
@@ -27,6 +27,7 @@ from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
 from conflictdb.model.tolerances import PER_LEG
 from conflictdb.stages.pieces.cutting import planar, track_pieces
+from conflictdb.stages.world import World
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ _LEVEL: Final = 1e-9  # change of the isometric latitude of a parallel
 
 def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of a list of operational intents; raises InvalidInput for an area without a start or an end."""
-    setup = Setup.of(centred(scene, areas, tracks))
+    setup = World.around(scene, areas, tracks).setup
     yield "["
     separator = "\n"
     items: list[Area | Track] = [*areas, *tracks]

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 import numpy as np
 
 from conflictdb.db import store
-from conflictdb.earth.registry import Setup, centred, middle_deg, places_of, summed_directions
+from conflictdb.earth.registry import Setup, middle_deg, places_of, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
 from conflictdb.formats.hints import FileHints, above
 from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
-from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum, check_datums, check_keys
-from conflictdb.stages.pieces.cutting import check_plane
+from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
+from conflictdb.stages.world import World
 
 if TYPE_CHECKING:
     import psycopg
@@ -81,17 +81,15 @@ def put(
     connection: "psycopg.Connection[Any]", name: str, plans: Sequence[Area | Track], settings: Scene | None
 ) -> store.LoadCounts:
     """Add plans to a scene, or replace those of their keys, all or none; settings create or change the scene."""
-    check_keys(one.key for one in plans)
     areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
     if settings is None:
         with store.transaction(connection):
             store.scene_or_branch_id(connection, name)  # raises InvalidInput for an unknown scene
     else:
         settings = dataclasses.replace(settings, name=name)
-    settings = centred(_own_settings(connection, name, settings), areas, tracks)
-    check_datums(settings, plans)
-    check_plane(Setup.of(settings).plane, areas, tracks)
-    return store.replace_scene(connection, settings, areas, tracks, merge=True)
+    world = World.of(_own_settings(connection, name, settings), areas, tracks)
+    world.fit(areas, tracks)
+    return store.replace_scene(connection, world.setup.scene, areas, tracks, merge=True)
 
 
 def _with_settings(
@@ -103,7 +101,8 @@ def _with_settings(
     """
     count = len(plan.areas) + len(plan.tracks)
     phase("checking places", 0, count)
-    settings = centred(_own_settings(connection, plan.name, plan.settings), plan.areas, plan.tracks)
+    own = _own_settings(connection, plan.name, plan.settings)
+    settings = World.around(own, plan.areas, plan.tracks).setup.scene
     checked = partial(phase, "checking places")
     for source in plan.sources:
         while (refused := _refused(settings, plan, source, lambda done: checked(done, count))) is not None:
@@ -213,7 +212,7 @@ def _replaced(source: str, counts: store.LoadCounts, derived: Sequence[str]) -> 
 
 
 def _centred(settings: Scene, parts: Parts) -> Scene:
-    """Return settings with the middle of all objects of a file as centre, as `centred` does."""
+    """Return settings with the middle of all objects of a file as centre, as `World.around` does."""
     sums = np.zeros(4)
     first: tuple[list[Area], list[Track]] = ([], [])
     for part in parts.each:
@@ -221,7 +220,9 @@ def _centred(settings: Scene, parts: Parts) -> Scene:
         first = first if any(first) else part
     parts.refusals.raise_found()
     middle = middle_deg(sums) if any(first) else None
-    return centred(settings, *first) if middle is None else dataclasses.replace(settings, centre=middle)
+    return (
+        World.around(settings, *first).setup.scene if middle is None else dataclasses.replace(settings, centre=middle)
+    )
 
 
 def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -229,13 +230,13 @@ def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[T
 
     Objects that do not fit the scene's plane are reported only if there is no other error.
     """
-    plane = Setup.of(settings).plane
+    world = World(Setup.of(settings))
     misfit: InvalidInput | None = None
     for areas, tracks in parts.each:
         if misfit is not None or parts.refusals.found:
             continue
         try:
-            check_plane(plane, areas, tracks)
+            world.fit(areas, tracks)
         except InvalidInput as refused:
             misfit = refused
         else:
@@ -274,13 +275,13 @@ def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], 
     """
     areas = [area for area in plan.areas if plan.source_of[area.key] == source]
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
-    plane = Setup.of(settings).plane
+    world = World(Setup.of(settings))
     try:
         for first in range(0, len(areas), _CHECKED_AT_ONCE):
-            check_plane(plane, areas[first : first + _CHECKED_AT_ONCE], [])
+            world.fit(areas[first : first + _CHECKED_AT_ONCE], [])
             checked(min(first + _CHECKED_AT_ONCE, len(areas)))
         for first in range(0, len(tracks), _CHECKED_AT_ONCE):
-            check_plane(plane, [], tracks[first : first + _CHECKED_AT_ONCE])
+            world.fit([], tracks[first : first + _CHECKED_AT_ONCE])
             checked(len(areas) + min(first + _CHECKED_AT_ONCE, len(tracks)))
     except InvalidInput as refused:
         return refused.at(source)

@@ -26,8 +26,8 @@ from conflictdb.model.plans import Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.bundling import bundles_of
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.pieces.digests import area_digests, track_digests
+from conflictdb.stages.world import World
 
 # Bytes of objects cut at a time: their pieces take about ten times as much.
 _AT_ONCE: Final = 4_000_000
@@ -106,7 +106,7 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     within_speed(tracks, scene.motion, max_speed_kn, refusals)
     refusals.raise_found()
     setup = Setup.of(scene)
-    check_plane(setup.plane, areas, tracks)
+    World(setup).fit(areas, tracks)
     keys = {Kind.AREA: [area.key for area in areas], Kind.TRACK: [track.key for track in tracks]}
     of_kind = {kind: np.flatnonzero(_column(batch, "kind", "").to_numpy(False) == kind.value) for kind in Kind}
     versions, numbers = (

@@ -1,6 +1,8 @@
 """What a question may touch, and how far schedules are expanded for it."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -89,3 +91,17 @@ def test_chances_look_as_far_as_departures_and_speeds_may_be() -> None:
     assert found.pairs[("T", "S")] == pytest.approx((0.5, 0.5))
     found = conflictdb.chances([voyage()], [late], speeds={"T": [1.0, 0.02]})
     assert found.pairs[("T", "S")] == pytest.approx((0.5, 0.5))
+
+
+def test_a_question_is_prepared_in_one_place() -> None:
+    """No other module fixes a centre, checks a plane or decides how far schedules are expanded in memory."""
+    package = Path(conflictdb.__file__).parent
+    for call in ("centred(", "check_plane(", "expanded_area(", "expanded_track("):
+        pattern = re.compile(rf"(?<![\w.]){re.escape(call)}")
+        found = {
+            file.relative_to(package).as_posix()
+            for file in package.rglob("*.py")
+            for line in file.read_text().splitlines()
+            if pattern.search(line) and not line.startswith("def ")
+        }
+        assert found == {"stages/world.py"}, call
