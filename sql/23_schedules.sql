@@ -10,7 +10,7 @@ COMMENT ON FUNCTION _microseconds(timestamptz) IS
 'Microseconds since 1970, null for infinity: instants that Python has no type for are numbers there.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._horizon(
-    p_scene_id bigint, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint,
+    p_scene_id bigint, p_is_asked boolean, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint,
     OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -23,7 +23,7 @@ BEGIN
               WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
               UNION ALL
               SELECT t.departures IS NULL FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL) n;
-    IF is_waiting IS NULL THEN
+    IF is_waiting IS NULL AND NOT p_is_asked THEN
         RETURN;
     END IF;
     -- Once the window is known, only voyages that changed can leave it.
@@ -37,11 +37,23 @@ BEGIN
                                        WHERE c.scene_id = t.scene_id AND c.object_kind = 1))) v;
 END
 $$;
-COMMENT ON FUNCTION _horizon(bigint) IS
+COMMENT ON FUNCTION _horizon(bigint, boolean) IS
 'How far the schedules of a scene are expanded, and how far the voyages reach that may have changed since. is_waiting: '
-'whether a schedule is not expanded at all; null: there are no schedules. Instants are microseconds since 1970.';
+'whether a schedule is not expanded at all; null: there are no schedules, and voyages are null unless p_is_asked. '
+'Instants are microseconds since 1970.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled(p_scene_id bigint, p_only_waiting boolean) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._expanded_us(
+    p_scene_id bigint, OUT from_us bigint, OUT until_us bigint
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _microseconds(lower(e)), _microseconds(upper(e)) FROM _expanded(p_scene_id) e;
+END;
+COMMENT ON FUNCTION _expanded_us(bigint) IS '_expanded, in microseconds since 1970.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled(
+    p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[]
+) RETURNS TABLE (
     object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint,
     box bytea
 )
@@ -52,14 +64,16 @@ BEGIN ATOMIC
            ST_AsBinary(ST_Envelope(a.footprint), 'NDR')
     FROM area a WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
                   AND (a.activations IS NULL OR NOT p_only_waiting)
+                  AND (p_area_ids IS NULL OR a.area_id = ANY (p_area_ids))
     UNION ALL
     SELECT 1, t.track_id, t.version, t.key, t.schedule::text, _microseconds(to_timestamp(ST_M(ST_StartPoint(t.path)))),
            _microseconds(to_timestamp(ST_M(ST_EndPoint(t.path)))), ST_AsBinary(ST_Force2D(ST_StartPoint(t.path)), 'NDR')
     FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
-                   AND (t.departures IS NULL OR NOT p_only_waiting);
+                   AND (t.departures IS NULL OR NOT p_only_waiting)
+                   AND (p_track_ids IS NULL OR t.track_id = ANY (p_track_ids));
 END;
-COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
-'Objects of a scene with schedules. starts_us, ends_us: the span of an area, the times of a track, microseconds since '
+COMMENT ON FUNCTION _scheduled(bigint, boolean, bigint[], bigint[]) IS
+'Objects of a scene with schedules, by their ids (null: all). starts_us, ends_us: the span of an area, the times of a track, microseconds since '
 '1970; null: unbounded. box: of an area, '
 'or the first waypoint of a track.';
 

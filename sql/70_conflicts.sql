@@ -438,6 +438,27 @@ COMMENT ON FUNCTION _pending_near(bigint, tstzrange, double precision[], double 
                                   double precision[]) IS
 'Objects of a scene whose pieces are still to be made, and that may reach one of some boxes in degrees during a span.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled_near(
+    p_scene_id bigint, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[],
+    p_high_lat double precision[]
+) RETURNS TABLE (object_kind smallint, object_id bigint, key text)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 0::smallint, a.area_id, a.key FROM area a
+    WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
+      AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
+    UNION ALL
+    SELECT 1::smallint, t.track_id, t.key FROM track t
+    WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
+      AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
+                             + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
+                     p_low_lon, p_low_lat, p_high_lon, p_high_lat);
+END;
+COMMENT ON FUNCTION _scheduled_near(bigint, double precision[], double precision[], double precision[],
+                                    double precision[]) IS
+'Objects of a scene with a schedule that may ever reach one of some boxes in degrees: a question looks further than '
+'their pieces.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
     p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision,
     OUT east double precision, OUT north double precision
@@ -540,7 +561,7 @@ BEGIN ATOMIC
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
     WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
       AND _warn_if_incomplete(p_scene) AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m)
-      AND _warn_if_beyond_horizon(p_scene, p_span);
+      AND _warn_if_beyond_horizon(p_scene, _widened(p_span, _longest_time_s(_scene_id(p_scene))));
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'Objects that an area (longitude and latitude, SRID 4326; heights in metres; null: unbounded) might conflict with: '

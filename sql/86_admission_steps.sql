@@ -120,8 +120,9 @@ COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
     p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
     p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[],
-    p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[]
-) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
+    p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[], p_from_us bigint,
+    p_until_us bigint
+) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text, is_stale boolean)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 -- Only plain scans mark entries of an index that nobody needs: detections leave one for each object they have seen.
@@ -129,6 +130,9 @@ SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET jit = o
 DECLARE
     v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
                          FROM unnest(p_starts_us, p_ends_us) u (s, e));
+    v_is_beyond boolean := coalesce((
+        SELECT _instant_of(p_from_us) < lower(s.expanded) OR _instant_of(p_until_us) > upper(s.expanded)
+        FROM scene s WHERE s.scene_id = p_scene_id), false);
 BEGIN
     RETURN QUERY
         WITH given AS MATERIALIZED (
@@ -143,28 +147,37 @@ BEGIN
             SELECT DISTINCT p.object_kind, p.object_id
             FROM given q JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
             WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
-        ), pending AS MATERIALIZED (
+        ), others AS MATERIALIZED (
             SELECT n.object_kind, n.object_id
             FROM _pending_near(p_scene_id, v_span, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n
+            UNION
+            SELECT n.object_kind, n.object_id
+            FROM _scheduled_near(p_scene_id, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n WHERE v_is_beyond
         )
-        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner,
+               a.schedule IS NOT NULL AND (v_is_beyond OR a.activations IS NULL)
         FROM near n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
         UNION
-        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner,
+               t.schedule IS NOT NULL AND (v_is_beyond OR t.departures IS NULL)
         FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1
         UNION
-        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
-        FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner,
+               a.schedule IS NOT NULL AND (v_is_beyond OR a.activations IS NULL)
+        FROM others n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
         UNION
-        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
-        FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner,
+               t.schedule IS NOT NULL AND (v_is_beyond OR t.departures IS NULL)
+        FROM others n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
 END
 $$;
 COMMENT ON FUNCTION _objects_near(
     bigint, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], integer[],
-    double precision[], double precision[], double precision[], double precision[]) IS
+    double precision[], double precision[], double precision[], double precision[], bigint, bigint) IS
 'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
-'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
+'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces. If '
+'schedules are not expanded from p_from_us until p_until_us (microseconds; 9e18 and more: no limit), also all objects '
+'with a schedule that may reach a box. is_stale: the schedule must be expanded for that time.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._span_of(p_text text) RETURNS tstzrange
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -323,24 +336,28 @@ BEGIN
             p_schedule => v_plan.schedule, p_tolerances => v_plan.tolerances);
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
-    SELECT v.who, v.remark INTO v_plan
-        -- The past needs no schedule.
-        FROM (SELECT o.who, _beyond_horizon(p_scene, o.span * tstzrange(now(), NULL)) AS remark
-              FROM (SELECT format('area %L', a.key) AS who, a.key, a.active_span AS span FROM area a
-                    WHERE a.scene_id = v_scene_id AND a.schedule IS NULL
-                    UNION ALL
-                    SELECT format('track %L', t.key), t.key,
-                           _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(v_scene_id)) FROM track t
-                    WHERE t.scene_id = v_scene_id AND t.schedule IS NULL) o
-              WHERE _expanded(v_scene_id) IS NOT NULL AND o.span && tstzrange(now(), NULL)
-                    AND o.key = ANY (ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g))) v
-        WHERE v.remark IS NOT NULL LIMIT 1;
-    IF FOUND THEN
-        FOUND := _raise('ZC003', v_plan.who, 'time', format('is not known to be free: %s', v_plan.remark),
-                        'plan_within_horizon', 'Give the scene a larger horizon_days, and detect.');
-    END IF;
 END
 $$;
 COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean) IS
 'Removes objects by key, then puts plans (_plans_of). p_are_checked: conflictdb.model has checked speeds, under the '
-'limit of each plan. Raises ZC003 for a plan beyond the time for which the schedules of the scene are expanded.';
+'limit of each plan.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._need_schedules(p_scene_id bigint, p_keys text[]) RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_expanded tstzrange := (SELECT s.expanded FROM scene s WHERE s.scene_id = p_scene_id);
+    v_within_s double precision := _longest_time_s(p_scene_id);
+BEGIN
+    RETURN EXISTS (
+        SELECT FROM (SELECT a.schedule, _widened(a.active_span, v_within_s) AS span FROM area a
+                     WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
+                     UNION ALL
+                     SELECT t.schedule, _may_meet(t.path, t.departures, t.tolerances, v_within_s) FROM track t
+                     WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)) p
+        -- Expanded until an instant: without it.
+        WHERE p.schedule IS NOT NULL OR lower(p.span) < lower(v_expanded) OR upper(p.span) >= upper(v_expanded)
+              OR lower(p.span) >= upper(v_expanded));
+END
+$$;
+COMMENT ON FUNCTION _need_schedules(bigint, text[]) IS
+'Whether objects of a scene, by their keys, have schedules, or may meet others when no schedule is expanded.';

@@ -531,6 +531,9 @@ BEGIN
                            ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
                            ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)))
                  m;
+        IF _need_schedules(v_scene_id, v_keys) THEN
+            v_are_known := false;
+        END IF;
         admitted := v_are_known IS NULL;
         IF NOT admitted THEN
             RAISE EXCEPTION USING ERRCODE = c_refused;

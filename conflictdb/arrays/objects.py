@@ -3,7 +3,7 @@
 Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragged (`ragged`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -36,6 +36,13 @@ class Activations:
         """Return the activations of some objects."""
         offset, index = ragged_rows(self.offset, rows)
         return Activations(offset, self.at_us[index], self.is_unknown[rows])
+
+    def but(self, given: Mapping[int, NDArray[np.int64]]) -> "Activations":
+        """Return these activations, with given ones in the form of `at_us` for the objects of some rows."""
+        each = [given.get(i, at) for i, at in enumerate(np.split(self.at_us, self.offset[1:-1]))]
+        is_unknown = self.is_unknown.copy()
+        is_unknown[list(given)] = False
+        return Activations(offsets([len(at) for at in each]), np.concatenate(each), is_unknown)
 
     def followed_by(self, other: "Activations") -> "Activations":
         """Return the activations of these objects, then of others."""

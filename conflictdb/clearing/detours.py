@@ -53,9 +53,8 @@ def detours(
     """
     most_m = inputs.reach_m("detours", "most_m", most_m)
     later_s = inputs.seconds("detours", "later_s", later_s)
-    areas = questions.each("detours", "areas", areas, Area)
-    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene, Reach(later_us=round(1e6 * later_s)))
-    scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
+    world, known, areas = questions.world_of("detours", tracks, areas, scene, Reach(later_us=round(1e6 * later_s)))
+    scene = replace(world.setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     if key not in planned:
         problem = "is an area" if key in {area.key for area in areas} else "is not known"
@@ -66,7 +65,13 @@ def detours(
             rule = "is given by leg, or for the planned arrival: ask about a copy without it"
             raise InvalidInput(f"track {key!r}", name, rule)
     index = Index(scene)
-    index.put([*areas, *planned.values()])
+    others: list[Area | Track] = [*areas, *planned.values()]
+    if others:
+        index.put(others)
+    # A voyage ends before the next one departs.
+    _, [whole] = world.expanded([], [track])
+    waits_us = np.diff(np.array(whole.departures_us or (), np.int64)) - int(track.times_us[-1] - track.times_us[0])
+    later_s = min([later_s, *(waits_us / 1e6).tolist()])
     # Longer than every key, so that no plan has the key of a way.
     prefix = max([track.key, *planned, *(area.key for area in areas)], key=len) + "#"
     return ways_of(index, prefix, scene, track, most_m, later_s)
@@ -136,7 +141,12 @@ def _way(scene: Scene, track: Track, leg: int, places: tuple[float, ...], aside_
     lon, lat = rhumb_direct(earth, lon, lat, bearing + np.sign(aside_m) * 90.0, abs(aside_m))
     if not (np.abs(lat) < 88.0).all() or np.abs(lon).max() > 360.0:
         return None
-    return _over(scene, track, leg, places, np.stack([lon, lat], axis=1))
+    try:
+        return _over(scene, track, leg, places, np.stack([lon, lat], axis=1))
+    except InvalidInput:
+        if track.departures_us is None:
+            raise
+        return None  # it would be under way when the next voyage departs
 
 
 def is_changing(track: Track) -> bool:

@@ -36,6 +36,7 @@ _LEAST_WEIGHT: Final = 1e-6
 _MOST_WEIGHT: Final = 1e6
 # Of tracks that `detours` has ways for, but a proposal cannot store.
 _AS_FAST: Final = "keeps its speed: its tolerances contain other speeds already"
+_REPEATED: Final = "stays as planned: its voyages repeat"
 _UNCHANGED: Final = "gets no new waypoints: its size, heights or tolerances are given by leg or waypoint (`detours`)"
 
 
@@ -149,7 +150,9 @@ def resolve(
     number_of = {key: number for number, key in key_of.items()}
     before = conflicts(planned.values(), areas, scene)
     concerned = {key for pair in before for key in pair if key in planned}
-    movable = sorted((concerned if keys is None else set(keys)) - set(keep), key=str.encode)
+    # A proposal moves one voyage.
+    repeated = {key for key, track in planned.items() if track.departures_us is not None}
+    movable = sorted((concerned if keys is None else set(keys)) - set(keep) - repeated, key=str.encode)
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
@@ -165,8 +168,9 @@ def resolve(
     rest = {movable[i] for i in solution.left}
     speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
-    unkept = {key: planned[key] for key in concerned - set(keep)}
+    unkept = {key: planned[key] for key in concerned - set(keep) - repeated}
     notes = yielding_areas(before, unkept, {area.key: area for area in areas}, scene.rules)
+    notes += [f"track {key!r} {_REPEATED}" for key in sorted(concerned & repeated - set(keep), key=str.encode)]
     stuck = sorted(rest - speeds.keys(), key=str.encode)
     if not limits.slowest == limits.fastest == 1.0:
         notes += [f"track {key!r} {_AS_FAST}" for key in stuck if planned[key].tolerances is not None]
@@ -358,7 +362,7 @@ def _check(
     for name, given in (("keys", keys or ()), ("keep", keep)):
         if isinstance(given, str):
             raise InvalidInput("resolve", name, f"must be a list of keys; got the text {given!r:.60}")
-    require_one_voyage("resolve", "tracks", tracks.values())
+    require_one_voyage("resolve", "keys", [tracks[key] for key in keys or () if key in tracks])
     for key in [*(keys or ()), *weights, *levels]:
         if key not in tracks:
             problem = "is an area, which does not depart" if key in every else "is not known"

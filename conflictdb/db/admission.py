@@ -7,11 +7,12 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.earth.registry import Setup, centred
+from conflictdb.db.near import members, members_near, require_within, world_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory.index import Member, Members, by_kind, conflicts_between
 from conflictdb.model.plans import Area, Track
-from conflictdb.model.results import Admission, Conflict, Kind, Results, Verdict
+from conflictdb.model.results import Admission, Conflict, Results, Verdict
 
 # From the mildest verdict to the worst.
 _SEVERITY: Final = (Verdict.GRAZING, Verdict.UNRESOLVED, Verdict.CONFLICT)
@@ -32,16 +33,17 @@ def admit(
     store.require_writable(conn)
     with store.admission(conn, scene, lock_timeout_s) as (number, stored, limits):
         limits.check(given)
-        setup = Setup.of(centred(stored, *by_kind(given)))
-        mine = Members.of_plans(setup, given)
+        require_within(conn, number, stored, given)
+        world, span = world_of(conn, number, stored, given)
+        mine = Members.of_plans(world, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
         _check_replaced(given, replaced, owner, replace)
-        others = members_near(conn, number, setup, mine, given, replaced)
-        found = _conflicts(setup, mine, others, among=owner is None)
+        others = members_near(conn, number, world, span, mine, given, replaced)
+        found = _conflicts(world.setup, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:
-            former = _members(conn, number, setup, replaced)
-            known = _conflicts(setup, former, others, among=owner is None)
+            former = members(conn, number, world, span, [one._replace(is_stale=True) for one in replaced])
+            known = _conflicts(world.setup, former, others, among=owner is None)
         new = [one for one in found if not _was_there(one, known)]
         is_admitted = not (new if allow_known else found)
         if is_admitted:
@@ -74,31 +76,6 @@ def _check_replaced(
 def _unlimited(plan: Area | Track) -> dict[str, Any]:
     """Return what keeps a track from being checked for its speed again."""
     return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
-
-
-def members_near(
-    conn: psycopg.Connection[Any],
-    number: int,
-    setup: Setup,
-    mine: Members,
-    plans: Sequence[Area | Track],
-    replaced: Sequence[store.StoredObject],
-) -> Members:
-    """Return the objects that plans might meet, as they are stored, detected or not, but for those they replace.
-
-    setup : with a centre, if it needs one
-    mine : the plans, cut
-    """
-    within_us = setup.scene.longest_time_us
-    near = store.objects_near(conn, number, setup.scene, mine.pieces.longer(within_us, within_us), plans)
-    return _members(conn, number, setup, sorted(set(near) - set(replaced)))
-
-
-def _members(
-    conn: psycopg.Connection[Any], number: int, setup: Setup, objects: Sequence[store.StoredObject]
-) -> Members:
-    known = {(one.kind, one.id): Member(Kind.of_code(one.kind), one.key, one.name, None, one.owner) for one in objects}
-    return Members.of_batches(setup, *store.read_objects(conn, number, objects), known)
 
 
 def _conflicts(setup: Setup, mine: Members, others: Members, *, among: bool) -> list[Conflict]:

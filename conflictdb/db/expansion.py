@@ -36,10 +36,9 @@ def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: in
                 store.store_window(conn, scene_id, None)
             return
         now_us = time.time_ns() // 1000 if now_us is None else now_us
-        voyages = [] if known.voyages is None else [(known.voyages[0], known.voyages[1] + 1)]
-        window = window_over(now_us, known.horizon_days, voyages, known.window)
+        window = window_over(now_us, known.horizon_days, [] if known.voyages is None else [known.voyages], known.window)
         objects = store.scheduled(conn, scene_id, only_waiting=window == known.window)
-        expanded = [_expanded(one, window) for one in objects]
+        expanded = [activations(one, window) for one in objects]
         errors = [error for _, error in expanded]
         store.store_activations(conn, scene_id, objects, [instants_us for instants_us, _ in expanded], errors)
         if window != known.window:
@@ -53,7 +52,7 @@ def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: in
         say(idle_text(idle, window))
 
 
-def _expanded(one: store.Scheduled, window: tuple[int, int]) -> tuple[NDArray[np.int64], str | None]:
+def activations(one: store.Scheduled, window: tuple[int, int]) -> tuple[NDArray[np.int64], str | None]:
     """Return the activations of an object, or none and why its schedule is not understood."""
     start_us, end_us = one.span_us
     who = f"{one.kind.value} {one.key!r}"

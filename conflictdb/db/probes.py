@@ -14,28 +14,26 @@ from typing import Any, Final
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
-from psycopg.types.range import TimestamptzRange
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
-from conflictdb.db.admission import admit, members_near
+from conflictdb.db.admission import admit
+from conflictdb.db.near import beyond, members_near, world_of
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.in_memory.index import Members, by_kind, conflicts_between
-from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
-from conflictdb.model.plans import LINES, Area, Scene, Track, check_datums, check_legs
+from conflictdb.model.inputs import certain
+from conflictdb.model.plans import LINES, Area, Track, check_datums, check_legs
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.to_results import to_results
+from conflictdb.stages.world import World, is_beyond, is_within, occupy
 
 _log = logging.getLogger(__name__)
 
@@ -76,13 +74,19 @@ def _found(
     conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], jobs: int, memory: Memory
 ) -> Listing[Conflict]:
     """Return the conflicts of plans, on the snapshot of the open transaction."""
-    state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
     number = store.scene_id(conn, scene)
-    if len(plans) == 1 and state.is_current:
-        found = _probed(conn, number, plans[0], plans[0].key, jobs, memory)
+    settings = store.read_settings(conn, number)
+    state, window = store.scene_state(conn, scene), store.stored_window(conn, number)
+    world, span = world_of(conn, number, settings, plans)
+    if window is not None and is_beyond(span, window):
+        state = beyond(state, window)
+    if len(plans) == 1 and state.is_current and is_within(span, window):
+        found = _probed_alone(conn, number, world, plans[0], jobs, memory)
     else:
-        settings = store.read_settings(conn, number)
-        found = _probed_together(conn, number, settings, plans, [plan.key for plan in plans])
+        mine = Members.of_plans(world, plans)
+        replaced = store.replaced_objects(conn, number, [plan.key for plan in plans], None)
+        others = members_near(conn, number, world, span, mine, plans, replaced)
+        found = conflicts_between(world.setup, mine, others, among=True)
     return Listing(state, found, Conflict)
 
 
@@ -97,26 +101,12 @@ def ask(
     until_s = time.monotonic() + timeout.total_seconds()
     with store.transaction(conn):
         settings = store.read_settings(conn, store.scene_id(conn, scene))
-        state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
+        state = store.scene_state(conn, scene)
     check_datums(settings, plans)
     check_legs(LINES[settings.motion], [one for one in plans if isinstance(one, Track)])
     number = store.request_probe(conn, scene, plans_text(plans))
     left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
     return Listing(state, store.wait_for_probe(conn, settings, plans, number, left), Conflict)
-
-
-def _span(plan: Area | Track) -> TimestamptzRange:
-    """Return the time from the start of a plan to its end."""
-    ends: Sequence[int | None]
-    if isinstance(plan, Area):
-        ends = (plan.start_us, plan.end_us)
-        if plan.spans_us:
-            ends = plan.spans_us[0][0], plan.spans_us[-1][1]
-    else:
-        departs = plan.departures_us or (int(plan.times_us[0]),)
-        ends = departs[0], departs[-1] + int(plan.times_us[-1] - plan.times_us[0])
-    start, end = (None if at is None else EPOCH + at * MICROSECOND for at in ends)
-    return TimestamptzRange(start, end)
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:
@@ -249,39 +239,15 @@ class _PlanSource:
         return found.followed_by(replace(TrackBatch.of([self._plan]), track_id=np.array([_PLAN])))
 
 
-def _probed_together(
-    conn: psycopg.Connection[Any],
-    scene_id: int,
-    settings: Scene,
-    plans: Sequence[Area | Track],
-    replaced_keys: Sequence[str],
+def _probed_alone(
+    conn: psycopg.Connection[Any], scene_id: int, world: World, plan: Area | Track, jobs: int, memory: Memory
 ) -> list[Conflict]:
-    """Return the conflicts of plans, with each other too, on the snapshot of the open transaction.
-
-    Objects are compared as they are stored, detected or not, but for those with one of `replaced_keys`.
-    """
-    setup = Setup.of(centred(settings, *by_kind(plans)))
-    mine = Members.of_plans(setup, plans)
-    replaced = store.replaced_objects(conn, scene_id, replaced_keys, None)
-    others = members_near(conn, scene_id, setup, mine, plans, replaced)
-    return conflicts_between(setup, mine, others, among=True)
-
-
-def _probed(
-    conn: psycopg.Connection[Any], scene_id: int, plan: Area | Track, replaced: str | None, jobs: int, memory: Memory
-) -> list[Conflict]:
-    """Return the conflicts of a plan, on the snapshot of the open transaction.
-
-    replaced : key of the object that is left out
-    """
-    areas, tracks = ([plan], []) if isinstance(plan, Area) else ([], [plan])
-    scene: Scene = centred(store.read_settings(conn, scene_id), areas, tracks)
-    setup = Setup.of(scene)
-    check_datums(scene, [plan])
-    check_plane(setup.plane, areas, tracks)
-    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
-    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.longest_time_us)
-    parts = [part for part, _ in run_scene(setup, source, jobs=jobs)]
+    """Return the conflicts of a plan with the pieces of the last detection, but those of its namesake."""
+    scene = world.setup.scene
+    occupied = occupy(world, *by_kind([plan]))
+    cut: Area | Track = (occupied.areas or occupied.tracks)[0]
+    source = _PlanSource(conn, scene_id, cut, plan.key, occupied.pieces, memory, within_us=scene.longest_time_us)
+    parts = [part for part, _ in run_scene(world.setup, source, jobs=jobs)]
     if not parts:
         return []
     found = Conflicts.concatenate(parts)

@@ -21,6 +21,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Speeds
 from conflictdb.stages.margins import widened
 from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.world import Reach, has_schedules, is_within, touched
 
 
 def delays(
@@ -43,7 +44,8 @@ def delays(
             if known:
                 return known
         settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
-    return questions.delays(tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
+        window = store.stored_window(conn, store.scene_or_branch_id(conn, scene))
+    return questions.delays_over(window, tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
 
 
 def speeds(
@@ -57,8 +59,10 @@ def speeds(
         lasts_us = int(track.times_us[-1] - track.times_us[0])
         return math.ceil(lasts_us * max(1.0 / slowest - 1.0, 1.0 - 1.0 / fastest)) + 1
 
-    settings, areas, tracks = _read(conn, scene, key, most_us)
-    return questions.speeds(tracks, areas, settings, key, slowest, fastest, leg=leg)
+    with store.snapshot(conn):
+        settings, areas, tracks = _read(conn, scene, key, most_us)
+        window = store.stored_window(conn, store.scene_or_branch_id(conn, scene))
+    return questions.speeds_over(window, tracks, areas, settings, key, slowest, fastest, leg=leg)
 
 
 def read_departing(
@@ -113,20 +117,27 @@ def _around(
 ) -> list[str]:
     """Return the keys of the objects whose boxes a track may meet if it is earlier or later, or come near to.
 
+    Where that is beyond the time over which schedules are expanded, also all objects with a schedule near its way.
+
     tracks : the track, or none
     near_m : metres, beyond the required separation
     """
     if not tracks:
         return []
-    settings = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
+    number = store.scene_or_branch_id(conn, scene)
+    settings = store.read_settings(conn, number)
     wide = widened(settings, settings.separation_m + near_m) if near_m else settings
     pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of(tracks))
-    horizon_us = max(map(most_us, tracks)) + settings.longest_time_us
+    latest_us = max(map(most_us, tracks))
+    horizon_us = latest_us + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
     if at_any_height:
         all_m = np.full(len(pieces), np.inf)
         at_any_time = replace(at_any_time, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))
-    number = store.scene_or_branch_id(conn, scene)
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
-    return [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, tracks[0].key)]
+    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, tracks[0].key)]
+    span, window = touched(tracks, settings, Reach.either(latest_us)), store.stored_window(conn, number)
+    if has_schedules(tracks) or not is_within(span, window):
+        keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, settings, tracks, near_m)]
+    return keys

@@ -21,24 +21,25 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.registry import Setup, centred
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory.questions import Objects
 from conflictdb.kernel.boxes import BoxTree, HeldBoxes, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
-from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.model.rules import check_word
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import pairs_together
 from conflictdb.stages.to_results import to_results
+from conflictdb.stages.world import World, has_schedules, horizon, hull, occupy, touched
 
 Plan = Area | Track
 _NO_TRACKS: Final = TrackBatch.of([])
@@ -73,6 +74,9 @@ class Index:
         self._owners: dict[_Name, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
+        # When plans without a schedule may touch anything, and over which time schedules are expanded.
+        self._touched: Window | None = None
+        self._window: Window | None = None
         self._cut = _LastCut()
 
     @property
@@ -101,11 +105,11 @@ class Index:
         given = listed("put", plans)
         check_word("put", "owner", owner)
         replaceable = inputs.keys("put", "replace", replace)
-        check_keys(one.key for one in given)
         self._limits.check(given)
         with self._lock:
-            self._scene = centred(self._scene, *by_kind(given))
-        mine = self._cut.members(Setup.of(self._scene), given)
+            world = self._world(given, is_put=True)
+            self._scene = world.setup.scene
+        mine = self._cut.members(world, given)
         names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
         # Plans that are their own owners may state another, as in a scene.
         stated = [one.owner if owner is None else owner for one in given]
@@ -158,11 +162,11 @@ class Index:
         """
         given = listed("probe", plans)
         check_word("probe", "owner", owner)
-        check_keys(one.key for one in given)
         self._limits.check(given)
-        scene, state = centred(self._scene, *by_kind(given)), self._state
-        setup = Setup.of(scene)
-        mine = self._cut.members(setup, given)
+        with self._lock:
+            world, state = self._world(given, is_put=False), self._state
+        scene = world.setup.scene
+        mine = self._cut.members(world, given)
         keys = {one.key for one in given}
         boxes, met = _boxes(scene, mine.pieces), _Met(mine)
         if owner is None:
@@ -181,11 +185,47 @@ class Index:
             plans_of |= {one.plan.key: one.plan for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
             met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
-        conflicts = met.conflicts(setup)
+        conflicts = met.conflicts(world.setup)
         if conflicts:
-            origin = Objects(scene, plans_of)
+            shown: list[Plan] = [one for kind in world.expanded(*by_kind([*plans_of.values()])) for one in kind]
+            origin = Objects(scene, {one.key: one for one in shown})
             conflicts = [conflict.found_by(origin) for conflict in conflicts]
         return Results(conflicts, Conflict)
+
+    def _world(self, plans: Sequence[Plan], *, is_put: bool) -> World:
+        """Return the world of plans that are put or compared; needs the lock.
+
+        Schedules are expanded as far as the horizon, over all voyages of the index, and over what the plans touch. If
+        that is more than before, those of the index are expanded again. Raises InvalidInput, and changes nothing.
+        """
+        areas, tracks = by_kind(plans)
+        span = touched(tracks if is_put else plans, self._scene)
+        window = self._window
+        if window is not None or has_schedules(plans):
+            window = horizon(self._scene, self._touched, span, known=window)
+        world = World.of(self._scene, areas, tracks, known=window)
+        if window != self._window and (is_put or self._window is not None):
+            self._expand_again(window)
+        if is_put:
+            self._touched = hull(self._touched, span)
+        return world
+
+    def _expand_again(self, window: Window | None) -> None:
+        """Expand the schedules of all plans over a window, and cut these anew; needs the lock."""
+        shown = [item for level in self._state.levels for item in level.put.objects if item.owner.ended is None]
+        former = {id(item.owner): item.owner for item in shown if item.plan.schedule is not None}
+        if former:
+            again = {of: replace(owner, keys=[*owner.keys]) for of, owner in former.items()}
+            objects = [_Object(item.plan, again[id(item.owner)]) for item in shown if id(item.owner) in again]
+            cut = Members.of_plans(World(Setup.of(self._scene), window), [item.plan for item in objects])
+            number = self._state.number + 1
+            self._forget([*former.values()], number)
+            for owner in again.values():
+                self._owners[owner.name] = owner
+                self._owner_of |= dict.fromkeys(owner.keys, owner)
+            added = _Put(cut.pieces, cut.of.astype(np.int32), objects)
+            self._state = self._state.with_plans(self._scene, added, number, len(self))
+        self._window = window
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
         """Hide the plans of owners from the state of a number on."""
@@ -349,7 +389,8 @@ class Member(NamedTuple):
         """Return a plan as a member."""
         if isinstance(plan, Area):
             return cls(Kind.AREA, plan.key, plan.name, plan.footprint, plan.owner)
-        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner, partial(TrackBatch.of, [plan]))
+        # Plans that repeat have no tolerances, for which it is read.
+        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner, partial(TrackBatch.of, [plan], once=True))
 
 
 class Members(NamedTuple):
@@ -360,13 +401,11 @@ class Members(NamedTuple):
     each: list[Member]
 
     @classmethod
-    def of_plans(cls, setup: Setup, plans: Sequence[Plan]) -> Self:
-        """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
+    def of_plans(cls, world: World, plans: Sequence[Plan], *, warns: bool = False) -> Self:
+        """Return plans; raises InvalidInput for those that do not fit the scene's plane; warns : as of `occupy`."""
         areas, tracks = by_kind(plans)
-        check_datums(setup.scene, plans)
-        flat, once = check_plane(setup.plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = pieces_of(setup, AreaBatch.of(areas, flat), _NO_TRACKS if once is None else once.departing(tracks))
+        pieces = occupy(world, areas, tracks, warns=warns).pieces
         row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
         return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
 
@@ -395,15 +434,16 @@ class _LastCut(threading.local):
     """The plans that a thread asked about last, and their pieces: a server puts the plans that it has probed."""
 
     def __init__(self) -> None:
-        self._asked: tuple[Scene, list[tuple[Any, ...]]] | None = None
+        self._asked: tuple[Scene, Window | None, list[tuple[Any, ...]]] | None = None
         self._members: Members | None = None
 
-    def members(self, setup: Setup, plans: Sequence[Plan]) -> Members:
+    def members(self, world: World, plans: Sequence[Plan]) -> Members:
         """Return plans cut into pieces, as `Members.of_plans` does."""
-        asked = setup.scene, [_content(one) for one in plans]
+        window = world.window if has_schedules(plans) else None
+        asked = world.setup.scene, window, [_content(one) for one in plans]
         if self._members is not None and asked == self._asked:
             return self._members._replace(each=[Member.of(one) for one in plans])
-        self._members, self._asked = Members.of_plans(setup, plans), asked
+        self._members, self._asked = Members.of_plans(world, plans, warns=True), asked
         return self._members
 
 

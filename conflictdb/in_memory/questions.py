@@ -18,7 +18,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.recurring_plans import require_one_voyage
+from conflictdb.model.recurring_plans import Window, require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
@@ -76,7 +76,8 @@ def solve(
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
-    setup, occupied = _prepared(scene, tracks, areas)
+    world, tracks, areas = world_of("solve", tracks, areas, scene)
+    setup, occupied = world.setup, occupy(world, areas, tracks, warns=True)
     named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(occupied.areas)}
     named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(occupied.tracks)}
     objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
@@ -120,6 +121,21 @@ def delays(
         later, with the heading, haven and heights of the end of the leg before. Up to there all stays as planned; all
         later times are later.
     """
+    return delays_over(None, tracks, areas, scene, key, within_s, now, clear_within_m, waypoint)
+
+
+def delays_over(
+    window: Window | None,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    key: str | Sequence[str] | None,
+    within_s: float,
+    now: inputs.Instant | None,
+    clear_within_m: float | None,
+    waypoint: int | None,
+) -> list[Delays]:
+    """Return as `delays`; window : schedules are expanded over at least this time."""
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
@@ -127,7 +143,7 @@ def delays(
     # The answer is the one that a detection stores.
     stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
     solved_us = max(horizon_us, stored_us)
-    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us))
+    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us), window)
     scene = setup.scene
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
@@ -211,8 +227,23 @@ def speeds(
         Only this leg of the track, which needs a key then, has another speed, 1 the first. Later legs are as fast as
         planned, and earlier or later.
     """
+    return speeds_over(None, tracks, areas, scene, key, slowest, fastest, leg=leg)
+
+
+def speeds_over(
+    window: Window | None,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    key: str | None,
+    slowest: float,
+    fastest: float,
+    *,
+    leg: int | None,
+) -> list[Speeds]:
+    """Return as `speeds`; window : schedules are expanded over at least this time."""
     slowest, fastest = limits(slowest, fastest)
-    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest))
+    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest), window)
     scene = setup.scene
     _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
@@ -376,22 +407,43 @@ def _by_key(name: str, given: Any) -> Mapping[str, Any]:
 
 
 def numbered(
-    what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None, reach: Reach = AS_PLANNED
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    reach: Reach = AS_PLANNED,
+    window: Window | None = None,
 ) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
     """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these.
 
     reach : how far the question moves tracks
+    window : schedules are expanded over at least this time
     """
-    if not isinstance(scene, Scene | None):
-        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    given = each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
-    setup, occupied = _prepared(scene or Scene("in memory"), *given, reach)
+    world, sorted_tracks, sorted_areas = world_of(what, tracks, areas, scene, reach, window)
+    occupied = occupy(world, sorted_areas, sorted_tracks, warns=True)
     known = occupied.tracks
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
     keys = dict(enumerate(area.key for area in occupied.areas)) | dict(
         zip(numbers.tolist(), (track.key for track in known), strict=True)
     )
-    return setup, occupied.pieces, keys, numbers, known
+    return world.setup, occupied.pieces, keys, numbers, known
+
+
+def world_of(
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    reach: Reach = AS_PLANNED,
+    window: Window | None = None,
+) -> tuple[World, list[Track], list[Area]]:
+    """Return the world of a question, and its tracks and areas in the order of their keys; raises InvalidInput."""
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    # Numbered by key, as in the database: the answer does not depend on the order of the objects.
+    known = sorted(each(what, "tracks", tracks, Track), key=lambda track: track.key.encode())
+    others = sorted(each(what, "areas", areas, Area), key=lambda area: area.key.encode())
+    return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window), known, others
 
 
 def _known(
@@ -413,17 +465,6 @@ def _several(key: Any) -> Collection[str]:
     if not isinstance(key, Collection):
         raise InvalidInput("delays", "key", f"must be the key of a track, or several; got {key!r:.60}")
     return key
-
-
-def _prepared(
-    scene: Scene, tracks: list[Track], areas: list[Area], reach: Reach = AS_PLANNED
-) -> tuple[Setup, Occupied]:
-    """Return the setup of a scene with a centre, and its objects in the order of their keys; raises InvalidInput."""
-    # Numbered by key, as in the database: the answer does not depend on the order of the objects.
-    areas = sorted(areas, key=lambda area: area.key.encode())
-    tracks = sorted(tracks, key=lambda track: track.key.encode())
-    world = World.of(scene, areas, tracks, reach=reach)
-    return world.setup, occupy(world, areas, tracks, warns=True)
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:

@@ -89,10 +89,10 @@ def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) 
     """Return the conflicts of a track with objects, of which one may have its key."""
     tracks = [one for one in tracks if one.key != track.key]
     world = World.of(settings, areas, [*tracks, track])
-    others = [one for kind in world.expanded(areas, tracks) for one in kind]
+    others: list[Area | Track] = [*areas, *tracks]
     if not others:
         return []
-    return conflicts_between(world.setup, *(Members.of_plans(world.setup, some) for some in ([track], others)))
+    return conflicts_between(world.setup, Members.of_plans(world, [track]), Members.of_plans(world, others))
 
 
 def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:

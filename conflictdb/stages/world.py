@@ -76,6 +76,12 @@ def touched(plans: Iterable[Area | Track], scene: Scene, reach: Reach = AS_PLANN
     return (min(starts), max(ends)) if starts else None
 
 
+def hull(*spans: Window | None) -> Window | None:
+    """Return the time from the first start to the last end."""
+    known = [span for span in spans if span is not None]
+    return (min(start for start, _ in known), max(end for _, end in known)) if known else None
+
+
 def _area_span(area: Area) -> Window:
     """Return the first start and the last end of an area; an area that is never active begins after it ends."""
     if area.spans_us is not None and not area.spans_us:
@@ -109,16 +115,6 @@ def _shifted(at_us: int, by_us: int) -> int:
 def has_schedules(plans: Iterable[Area | Track]) -> bool:
     """Return whether a plan has a schedule."""
     return any(plan.schedule is not None for plan in plans)
-
-
-def within(span: Window | None, window: Window) -> bool:
-    """Return whether the bounded ends of a time lie in a window."""
-    if span is None:
-        return True
-    start, end = span
-    return (start == MINUS_INFINITY_US or window[0] <= start <= window[1]) and (
-        end == INFINITY_US or window[0] <= end <= window[1]
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,12 +169,28 @@ class World:
         return check_plane(self.setup.plane, areas, tracks)
 
 
-def horizon(
-    scene: Scene, span: Window | None = None, *, now_us: int | None = None, known: Window | None = None
-) -> Window:
-    """Return the time over which the schedules of a scene are expanded: `window_over`, and a time that is touched."""
-    ends = [(end, end) for end in span or () if MINUS_INFINITY_US < end < INFINITY_US]
+def horizon(scene: Scene, *spans: Window | None, now_us: int | None = None, known: Window | None = None) -> Window:
+    """Return the time over which the schedules of a scene are expanded: `window_over`, and times that are touched."""
+    ends = [(end, end) for span in spans for end in span or () if MINUS_INFINITY_US < end < INFINITY_US]
     return window_over(time.time_ns() // 1000 if now_us is None else now_us, scene.horizon_days, ends, known)
+
+
+def is_within(span: Window | None, window: Window | None) -> bool:
+    """Return whether the bounded ends of what plans touch lie in the time over which schedules are expanded.
+
+    span : as of `touched`; window : None: there are no schedules
+    """
+    if span is None or window is None:
+        return True
+    return all(window[0] <= end <= window[1] for end in span if MINUS_INFINITY_US < end < INFINITY_US)
+
+
+def is_beyond(span: Window | None, window: Window) -> bool:
+    """Return whether plans without an end, or without a start, touch only times without expanded schedules."""
+    if span is None:
+        return False
+    (start, end), (first, last) = span, window
+    return (end == INFINITY_US and start >= last) or (start == MINUS_INFINITY_US and end <= first)
 
 
 class Occupied(NamedTuple):

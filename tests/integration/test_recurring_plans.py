@@ -2,7 +2,6 @@
 
 import json
 import re
-import time
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from city import worker_connected
 from psycopg.types.json import Jsonb
 from test_recurring import alone, by_object, objects
 
@@ -267,9 +265,10 @@ def test_an_answer_beyond_the_horizon_says_so(
                 assert not scene.conflicts(**beyond).is_current
         with pytest.warns(IncompleteWarning, match="schedules are expanded"):
             list(scene.stream_conflicts(last))
-        plan = conflictdb.Area("P", shapely.box(0, 0, 1, 1), start_us=last, end_us=last + timedelta(days=1))
-        with pytest.warns(IncompleteWarning, match="schedules are expanded"):
-            assert not scene.probe(plan).is_current
+        # A probe expands them as far as its plan.
+        plan = conflictdb.Area("P", shapely.box(0, 0, 1, 1), start_us=last, end_us=last + timedelta(days=8))
+        assert [one.a_key for one in scene.probe(plan)] == ["A", "P"]
+        assert scene.probe(plan).is_current
         assert scene.probe(replace(plan, start_us=None, end_us=None)).is_current
     notices: list[str] = []
     conn.add_notice_handler(lambda notice: notices.append(notice.message_primary or ""))
@@ -362,13 +361,16 @@ def test_delays_of_a_repeated_voyage_are_those_of_all_its_voyages(
     assert not all(is_forbidden(together, at) for at in grid)
 
 
-def test_speeds_and_resolve_refuse_repeated_voyages_by_name(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+def test_speeds_refuse_repeated_voyages_and_resolve_keeps_them(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
     with conflictdb.connect(conn) as db:
         scene = repeated(db, tmp_path)
         with pytest.raises(InvalidInput, match="speeds: key: is for one voyage: track 'T' has departures"):
             scene.speeds("T")
-        with pytest.raises(InvalidInput, match="resolve: tracks: is for one voyage: track 'T' has departures"):
-            scene.resolve()
+        with pytest.raises(InvalidInput, match="resolve: keys: is for one voyage: track 'T' has departures"):
+            scene.resolve(keys=["T"])
+        proposal = scene.resolve()
+        assert [move.key for move in proposal.moves] == ["Once"]
+        assert "track 'T' stays as planned: its voyages repeat" in proposal.notes
 
 
 # Each reached the database without Python: by SQL, or by a restore.
@@ -567,51 +569,6 @@ def test_schedules_are_expanded_as_far_as_voyages_may_meet_them(
         scene, areas, tracks = store.read_scene(db.connection, "s")
         planned = [replace(area, spans_us=None, start_us=None, end_us=None) for area in areas]
         assert len(conflictdb.solve(tracks, planned, scene)) == 1
-
-
-def test_no_plan_is_admitted_beyond_the_time_of_schedules(conn: psycopg.Connection[Any]) -> None:
-    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30)")
-    conn.execute(DAILY.encode())
-    conn.commit()
-    detect(conn, "s")
-    now_s = round(time.time())
-    far, near = (
-        f"SRID=4326;LINESTRING M (-1 50.5 {now_s + 86_400 * day}, 2 50.5 {now_s + 86_400 * (day + 2)})"
-        for day in (100, 10)
-    )
-    for path, says in ((far, "track 'V': time: is not known to be free"), (near, None)):
-        plan = {"key": "V", "path": path, "outline": "POLYGON((5 5,5 -5,-5 -5,-5 5,5 5))"}
-        if says is None:
-            with worker_connected(conn.info.dsn):
-                row = conn.execute(
-                    "SELECT admitted FROM conflictdb.admit('s', %s, p_replace => '{V}')", [Jsonb([plan])]
-                ).fetchone()
-            assert row in ((False,), (None,))
-        else:
-            with pytest.raises(psycopg.Error, match=says) as caught:
-                conn.execute("SELECT conflictdb.admit('s', %s, p_replace => '{V}')", [Jsonb([plan])])
-            assert caught.value.sqlstate == "ZC003"
-        conn.rollback()
-    start_us = int(1e6 * time.time()) + 100 * DAY_US
-    ship = conflictdb.rectangle_outline_m(5.0, 5.0, 5.0, 5.0)
-    plan_v = conflictdb.Track("V", [(-1.0, 50.5), (2.0, 50.5)], [start_us, start_us + 2 * DAY_US], ship)
-    with conflictdb.connect(conn) as db:
-        with pytest.raises(InvalidInput, match="is not known to be free"):
-            db.scene("s").admit(plan_v)
-        assert db.scene("s").admit(
-            replace(
-                plan_v,
-                positions_deg=[(-9.0, 50.5), (-8.0, 50.5)],
-                times_us=[start_us - 95 * DAY_US, start_us - 93 * DAY_US],
-            )
-        )
-        begun = replace(
-            plan_v,
-            key="begun",
-            positions_deg=[(-9.0, 40.5), (-8.0, 40.5)],
-            times_us=[start_us - 110 * DAY_US, start_us - 93 * DAY_US],
-        )
-        assert db.scene("s").admit(begun)
 
 
 def test_delays_meet_schedules_beyond_the_planned_voyage(conn: psycopg.Connection[Any]) -> None:

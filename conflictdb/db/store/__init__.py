@@ -7,6 +7,7 @@ from conflictdb.db.store.admissions import (
     objects_near,
     read_objects,
     replaced_objects,
+    scheduled_keys_near,
 )
 from conflictdb.db.store.attached import (
     READ_WITHIN_S,
@@ -173,6 +174,7 @@ from conflictdb.db.store.stored_schedules import (
     scheduled,
     store_activations,
     store_window,
+    stored_window,
 )
 from conflictdb.db.store.write_rows import (
     RunOutcome,

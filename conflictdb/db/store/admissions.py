@@ -35,13 +35,17 @@ _EVERYWHERE: Final = (-math.inf, -math.inf, math.inf, math.inf)
 
 
 class StoredObject(NamedTuple):
-    """An object of a scene, without its geometry."""
+    """An object of a scene, without its geometry.
+
+    is_stale : whether its schedule must be expanded for the time of the question
+    """
 
     kind: int
     id: int
     key: str
     name: str | None
     owner: str | None
+    is_stale: bool = False
 
 
 @contextmanager
@@ -81,18 +85,39 @@ def replaced_objects(
 
 
 def objects_near(
-    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, pieces: Pieces, plans: Sequence[Area | Track]
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    scene: Scene,
+    pieces: Pieces,
+    plans: Sequence[Area | Track],
+    span: tuple[int, int] | None,
 ) -> list[StoredObject]:
     """Return the objects that pieces might meet, as committed, detected or not.
 
     pieces : of `plans` and perhaps of others, with spans widened by the largest separation in time of the scene's pairs
+    span : [start, end) that the plans may touch, MINUS_INFINITY_US and INFINITY_US where unbounded; None: no time
     """
     columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
-    reach_m = max(scene.reach_m, scene.tolerance_m + scene.largest_separation_m)
-    boxes = np.array([_box_deg(plan, reach_m) for plan in plans]).T
-    given = [hulls, *(column.tolist() for column in columns), *boxes.tolist()]
+    given = [hulls, *(column.tolist() for column in columns), *_boxes_deg(scene, plans), *(span or (None, None))]
     return [StoredObject(*row) for row in call_many(conn, "_objects_near", scene_id, *given)]
+
+
+def scheduled_keys_near(
+    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, plans: Sequence[Area | Track], near_m: float
+) -> list[str]:
+    """Return the keys of all objects with a schedule that may come near plans in space.
+
+    near_m : metres, beyond the required separation
+    """
+    return [key for *_, key in call_many(conn, "_scheduled_near", scene_id, *_boxes_deg(scene, plans, near_m))]
+
+
+def _boxes_deg(scene: Scene, plans: Sequence[Area | Track], near_m: float = 0.0) -> list[list[float]]:
+    """Return west, south, east and north of what plans may come near to, each in a list."""
+    reach_m = max(scene.reach_m, scene.tolerance_m + scene.largest_separation_m) + near_m
+    boxes: list[list[float]] = np.array([_box_deg(plan, reach_m) for plan in plans]).T.tolist()
+    return boxes
 
 
 def read_objects(

@@ -25,7 +25,7 @@ class Horizon:
 
     window : [start, end) microseconds; None: not at all
     is_waiting : whether a schedule is not expanded; None: there are no schedules
-    voyages : first start and last end, microseconds, of voyages that may have changed since; None: there are none
+    voyages : [start, end), microseconds, of voyages that may have changed since; None: there are none
     """
 
     horizon_days: float
@@ -52,14 +52,30 @@ class Scheduled:
     box: shapely.Geometry
 
 
-def horizon(conn: psycopg.Connection[Any], scene_id: int) -> Horizon:
-    """Return how far the schedules of a scene are expanded."""
-    days, first, until, is_waiting, starts, ends = call(conn, "_horizon", scene_id)
-    return Horizon(days, _pair(first, until), is_waiting, _pair(starts, ends))
+def horizon(conn: psycopg.Connection[Any], scene_id: int, *, is_asked: bool = False) -> Horizon:
+    """Return how far the schedules of a scene are expanded.
+
+    is_asked : return voyages also of a scene without schedules
+    """
+    days, first, until, is_waiting, starts, ends = call(conn, "_horizon", scene_id, is_asked)
+    voyages = None if starts is None or ends is None else (starts, ends + 1)
+    return Horizon(days, _pair(first, until), is_waiting, voyages)
 
 
-def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: bool) -> list[Scheduled]:
-    """Return the objects of a scene with schedules, or those whose schedules are not expanded."""
+def stored_window(conn: psycopg.Connection[Any], scene_id: int) -> tuple[int, int] | None:
+    """Return the time [start, end) over which the schedules of a scene, or of a branch's parent, are expanded."""
+    return _pair(*call(conn, "_expanded_us", scene_id))
+
+
+def scheduled(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    *,
+    only_waiting: bool,
+    area_ids: list[int] | None = None,
+    track_ids: list[int] | None = None,
+) -> list[Scheduled]:
+    """Return the objects of a scene with schedules, or those whose schedules are not expanded; ids: None: all."""
     return [
         Scheduled(
             kind=Kind.TRACK if kind else Kind.AREA,
@@ -71,7 +87,7 @@ def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: boo
             box=shapely.from_wkb(box),
         )
         for kind, number, version, key, schedule, start, end, box in call_many(
-            conn, "_scheduled", scene_id, only_waiting
+            conn, "_scheduled", scene_id, only_waiting, area_ids, track_ids
         )
     ]
 
