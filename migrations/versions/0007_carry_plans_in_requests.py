@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0c5b4ad7b5173da292b0e0c99a251359efea5c5d13d49a4b669ee70be2eaa106"
+routines_sha256 = "b65894a386a658b5b859fc96bdd6bb6bdd06399052d0008c775dce1b955aba23"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
