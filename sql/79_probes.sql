@@ -251,6 +251,7 @@ DECLARE
     v_feature jsonb;
     v_who text;
     v_points bigint;
+    v_most_points double precision := least(_limit('max_vertices'), _limit('max_waypoints'));
     v_member text;
 BEGIN
     IF (jsonb_typeof(v_features) = 'array' AND jsonb_array_length(v_features) BETWEEN 1 AND c_most) IS NOT TRUE THEN
@@ -283,23 +284,25 @@ BEGIN
             FOUND := _raise('ZC016', v_who, 'version',
                             format('must be 1; got %s', left((v_feature -> 'version')::text, 60)), 'plan_version');
         END IF;
-        -- Workers check all else.
-        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
-            FROM jsonb_path_query(v_feature -> 'geometry', CASE v_feature #>> '{geometry,type}'
-                                      WHEN 'Polygon' THEN '$.coordinates[*]' WHEN 'MultiPolygon' THEN
-                                      '$.coordinates[*][*]' ELSE '$.coordinates' END::jsonpath) r
-            WHERE jsonb_typeof(r) = 'array';
-        PERFORM CASE WHEN v_feature #>> '{geometry,type}' IN ('Polygon', 'MultiPolygon')
-                     THEN _check_size(v_who, 'geometry', v_points, 'max_vertices')
-                     ELSE _check_size(v_who, 'geometry', v_points, 'max_waypoints') END;
-        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
-            FROM jsonb_path_query(v_feature, '$.temporalGeometry.coordinates') r WHERE jsonb_typeof(r) = 'array';
-        PERFORM _check_size(v_who, 'temporalGeometry', v_points, 'max_waypoints');
-        SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
-            FROM (SELECT jsonb_path_query(v_feature, '$.properties.outline_m') AS r
-                  UNION ALL SELECT jsonb_path_query(v_feature, '$.properties.outlines_m[*]')) o
-            WHERE jsonb_typeof(r) = 'array';
-        PERFORM _check_size(v_who, 'outline_m', v_points, 'max_vertices');
+        -- Workers check all else. A point takes six characters at least, such as [0,0].
+        IF octet_length(v_feature::text) / 6 > v_most_points THEN
+            SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+                FROM jsonb_path_query(v_feature -> 'geometry', CASE v_feature #>> '{geometry,type}'
+                                          WHEN 'Polygon' THEN '$.coordinates[*]' WHEN 'MultiPolygon' THEN
+                                          '$.coordinates[*][*]' ELSE '$.coordinates' END::jsonpath) r
+                WHERE jsonb_typeof(r) = 'array';
+            PERFORM CASE WHEN v_feature #>> '{geometry,type}' IN ('Polygon', 'MultiPolygon')
+                         THEN _check_size(v_who, 'geometry', v_points, 'max_vertices')
+                         ELSE _check_size(v_who, 'geometry', v_points, 'max_waypoints') END;
+            SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+                FROM jsonb_path_query(v_feature, '$.temporalGeometry.coordinates') r WHERE jsonb_typeof(r) = 'array';
+            PERFORM _check_size(v_who, 'temporalGeometry', v_points, 'max_waypoints');
+            SELECT coalesce(sum(jsonb_array_length(r)), 0) INTO v_points
+                FROM (SELECT jsonb_path_query(v_feature, '$.properties.outline_m') AS r
+                      UNION ALL SELECT jsonb_path_query(v_feature, '$.properties.outlines_m[*]')) o
+                WHERE jsonb_typeof(r) = 'array';
+            PERFORM _check_size(v_who, 'outline_m', v_points, 'max_vertices');
+        END IF;
     END LOOP;
     SELECT f ->> 'id' INTO v_member FROM jsonb_array_elements(v_features) f GROUP BY 1 HAVING count(*) > 1 LIMIT 1;
     IF FOUND THEN
@@ -350,6 +353,8 @@ DECLARE
     c_who CONSTANT text := 'what is asked about';
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
+    -- More than any plan within the limits has.
+    c_most_bytes CONSTANT integer := 100000000;
     v_plans jsonb;
 BEGIN
     IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.answer) > 0 OR NEW.failures <> 0 THEN
@@ -372,6 +377,10 @@ BEGIN
                                       make_interval(secs => (NEW.options ->> 'horizon_s')::double precision),
                                       _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
     ELSE
+        IF octet_length(NEW.plans::text) > c_most_bytes THEN
+            FOUND := _raise('ZC017', c_who, 'plans', format('must have at most %s bytes; got %s', c_most_bytes,
+                            octet_length(NEW.plans::text)), 'size_within_limit', 'Ask in several requests.');
+        END IF;
         v_plans := _plans_given(NEW.plans::jsonb);
         -- As given: jsonb has no negative zero.
         NEW.plans := CASE WHEN json_typeof(NEW.plans) = 'object' THEN NEW.plans ELSE v_plans::json END;

@@ -314,6 +314,12 @@ LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FR
 DECLARE
     c_tolerances CONSTANT text[] := ARRAY['xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn',
                                           'turn_radius_m', 'departure_window', 'arrival_window'];
+    c_of_both CONSTANT jsonb := '{"kind": "string", "name": "string", "class": "string", "owner": "string",
+                                  "floor_m": "number", "ceiling_m": "number"}';
+    c_of_areas CONSTANT jsonb := c_of_both || '{"start": "string", "end": "string", "spans": "array"}';
+    c_of_tracks CONSTANT jsonb := c_of_both || '{"times": "array", "outline_m": "array", "fore_m": "number",
+                                                 "aft_m": "number", "port_m": "number", "starboard_m": "number",
+                                                 "departures": "array", "grow_mps": "number"}';
     v_geometry jsonb := p_feature -> 'geometry';
     v_type text := v_geometry ->> 'type';
     v_is_area boolean := v_type IN ('Polygon', 'MultiPolygon');
@@ -336,14 +342,7 @@ BEGIN
                                    OR coalesce(p_foreign ? e.key, false) AND e.key <> ALL (_members_of_plans())
                                    AS is_rest) m;
     IF EXISTS (SELECT FROM jsonb_each(v_known) e
-               LEFT JOIN (VALUES ('kind', 'string', NULL), ('name', 'string', NULL), ('class', 'string', NULL),
-                                 ('owner', 'string', NULL), ('floor_m', 'number', NULL), ('ceiling_m', 'number', NULL),
-                                 ('start', 'string', true), ('end', 'string', true), ('spans', 'array', true),
-                                 ('times', 'array', false), ('outline_m', 'array', false), ('fore_m', 'number', false),
-                                 ('aft_m', 'number', false), ('port_m', 'number', false),
-                                 ('starboard_m', 'number', false), ('departures', 'array', false),
-                                 ('grow_mps', 'number', false)) m (name, type, is_area) ON m.name = e.key
-               WHERE (jsonb_typeof(e.value) = m.type AND coalesce(m.is_area, v_is_area) = v_is_area
+               WHERE (jsonb_typeof(e.value) = CASE WHEN v_is_area THEN c_of_areas ELSE c_of_tracks END ->> e.key
                       OR NOT v_is_area AND (e.key = ANY (c_tolerances) OR e.key IN ('floor_m', 'ceiling_m')
                                                                           AND jsonb_typeof(e.value) = 'array'))
                      IS NOT TRUE)

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b65894a386a658b5b859fc96bdd6bb6bdd06399052d0008c775dce1b955aba23"
+routines_sha256 = "187a094ec49a492d9d76c857bded8a017c16b31fe5f85d4a5584de23f73c6e0f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-from city import CITY, HOUR_US, T0_US, asked, flight, keys, square
+from city import CITY, HOUR_US, T0_US, asked, flight, keys, square, worker_connected
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 from workloads import GROWING, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
@@ -234,7 +234,7 @@ def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
     """
     rng = np.random.default_rng(seed)
     admitted = killed = 0
-    with connect(dsn) as db, psycopg.connect(dsn, autocommit=True) as killer:
+    with connect(dsn) as db, worker_connected(dsn), psycopg.connect(dsn, autocommit=True) as killer:
         db.scene("city").put(square("fixed", 50.0), CITY)
         for turn in range(count):
             n, kills = int(rng.integers(2, 9)), rng.random() < 0.5

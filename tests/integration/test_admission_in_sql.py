@@ -41,6 +41,7 @@ def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:
     assert keys(city) == ["a", "b"]
 
 
+@pytest.mark.usefixtures("city")
 @pytest.mark.parametrize("form", [as_feature, as_plan])
 @pytest.mark.parametrize("settings", [{}, {"intervals": "closed"}, {"motion": "great_circle", "earth": "sphere"}])
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, HARBOUR], ids=lambda w: w.name)

@@ -25,6 +25,7 @@ from conflictdb.db import detect, probes, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
+from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import MAX_INSTANT_US, Scene
 from conflictdb.model.results import Conflict
 
@@ -472,6 +473,9 @@ TOLERANCES = st.fixed_dictionaries(
 ).filter(bool)
 
 
+MONDAYS = {"days": ["MON"], "periods": [["08:00", "16:00"]]}
+
+
 @st.composite
 def every_field(draw: st.DrawFn) -> Area | Track:
     """A plan in which every field may be set."""
@@ -480,17 +484,20 @@ def every_field(draw: st.DrawFn) -> Area | Track:
     if isinstance(plan, Area):
         if how == 1:
             ends = sorted(draw(st.lists(INSTANT, min_size=4, max_size=4, unique=True)))
-            spans = [(ends[0], ends[1]), (ends[2], draw(st.sampled_from([None, ends[3]])))]
-            return replace(plan, start_us=None, end_us=None, spans_us=spans)
-        return replace(plan, schedule={"days": ["MON"], "periods": [["08:00", "16:00"]]}) if how == 2 else plan
+            ends[3] = draw(st.sampled_from([None, ends[3]]))
+            at = [certain(end) for end in ends]
+            return replace(plan, start_us=None, end_us=None, spans_us=[(at[0], at[1]), (at[2], at[3])])
+        span = {"start_us": certain(plan.start_us), "end_us": certain(plan.end_us)}
+        return replace(plan, schedule=MONDAYS, **span) if how == 2 else plan
     lasts_us = int(plan.times_us[-1] - plan.times_us[0])
+    more: dict[str, Any] = {}
     if how == 1 and plan.times_us[-1] + 3 * lasts_us < MAX_INSTANT_US:
-        plan = replace(plan, departures_us=plan.times_us[0] + np.arange(3) * (lasts_us + 1), max_speed_kn=np.inf)
+        more = {"departures_us": all_certain(plan.times_us[0] + np.arange(3) * (lasts_us + 1))}
     elif how == 2:
-        plan = replace(plan, schedule={"days": ["MON"], "periods": [["08:00", "16:00"]]}, max_speed_kn=np.inf)
+        more = {"schedule": MONDAYS}
     elif how == 3 and plan.outlines_m is None and not plan.grow_mps:
-        plan = replace(plan, tolerances=draw(TOLERANCES), max_speed_kn=np.inf)
-    return plan
+        more = {"tolerances": draw(TOLERANCES)}
+    return replace(plan, times_us=all_certain(plan.times_us), max_speed_kn=np.inf, **more)
 
 
 @given(st.lists(every_field(), min_size=1, max_size=3, unique_by=lambda one: one.key))
