@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import psycopg
@@ -24,6 +24,8 @@ from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.rules import members_of, rule_of
 from conflictdb.model.settings import SETTINGS, SettingType
+
+_Plan = TypeVar("_Plan", Area, Track)
 
 # Areas, and tracks, that are encoded at once: bounds memory.
 _SENT_AT_ONCE = 10_000
@@ -287,7 +289,8 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
     return [
-        Area(
+        _stored(
+            Area,
             key=strings["key"][i].decode(),
             footprint=footprints[i],
             name=strings["name"][i].decode() if has_name else None,
@@ -316,7 +319,8 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
         for i in range(len(way) - 1)
     ]
     return [
-        Track(
+        _stored(
+            Track,
             key=strings["key"][i].decode(),
             positions_deg=positions[way[i] : way[i + 1]],
             times_us=all_certain(times[way[i] : way[i + 1]]),
@@ -343,6 +347,18 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             )
         )
     ]
+
+
+def _stored(kind: type[_Plan], schedule: Any = None, **members: Any) -> _Plan:
+    """Return an object of the database, also with a schedule that is not understood: its times are unknown."""
+    try:
+        return kind(**members, schedule=schedule)
+    except InvalidInput:
+        if schedule is None:
+            raise
+    one = kind(**members)
+    object.__setattr__(one, "schedule", schedule)
+    return one
 
 
 def _certain(at_us: int) -> np.datetime64 | None:
