@@ -35,6 +35,8 @@ class LongSides:
 
         A ring that would have more than MOST_VERTICES stays as it is.
         """
+        if not np.isfinite(shapely.get_coordinates(footprint)).all():
+            return footprint  # refused later
         worst_m = 0.0
         is_changed = False
 

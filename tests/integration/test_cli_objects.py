@@ -99,6 +99,7 @@ def test_positions_report_what_they_leave_out(run: Run, tmp_path: Path) -> None:
         f"conflictdb: {path}: left out 1 row, the same fix as an earlier row: 1 (1)",
         f"conflictdb: {path}: left out 1 row, no length_m and width_m: 2 (all)",
         f"conflictdb: {path}: left out 1 row, a single fix: no movement to follow: 3 (all)",
+        f"conflictdb: {path}: file: 1 of 3 objects have no size and are left out, such as '2': --haven gives them one",
     ]
 
 
