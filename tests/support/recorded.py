@@ -30,7 +30,7 @@ FRESH: Final = 200
 ASKING: Final = (
     "unit/test_oracle", "unit/test_stage4_approach", "acceptance/test_adversary", "acceptance/test_command_line",
     "acceptance/test_extremes", "acceptance/test_grazing", "acceptance/test_never_misses", "acceptance/test_regions",
-    "acceptance/test_separation_on_earth", "acceptance/test_shallow",
+    "acceptance/test_separation_on_earth", "acceptance/test_shallow", "paths/test_against_oracle",
 )  # fmt: skip
 NOT_READ: Final = ("key", "name", "properties")  # of an object: they change no answer
 
