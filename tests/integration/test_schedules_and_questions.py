@@ -11,7 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from city import asked
+from city import asked, worker_connected
 
 import conflictdb
 from conflictdb.db.probes import answer
@@ -155,8 +155,9 @@ def test_plans_without_an_end_are_known_until_the_horizon(db: Database) -> None:
 
 
 def admitted(db: Database, plan: Area | Track) -> tuple[bool | None, Any]:
-    is_admitted, conflicts, request = asked(db.connection, plan, scene="s")
-    db.connection.commit()
+    with worker_connected(db.connection.info.dsn):
+        is_admitted, conflicts, request = asked(db.connection, plan, scene="s")
+        db.connection.commit()
     if request is not None:
         found = db.connection.execute("SELECT * FROM conflictdb.wait_for_admission(%s)", [request]).fetchone()
         db.connection.commit()

@@ -18,6 +18,7 @@ from typing import Any, Final
 import psycopg
 import shapely
 from case import PLACES, Case, Finding, NotApplicable, Rows, idle_schedules, only_of, same
+from city import worker_connected
 from memory_paths import WITHIN_S, claims_of_delays, claims_of_resolve, claims_of_speeds
 from mixed_scenes import Object
 
@@ -25,6 +26,7 @@ from conflictdb import Database, IncompleteWarning, StoredScene, connect
 from conflictdb import delays as delays_in_memory
 from conflictdb import speeds as speeds_in_memory
 from conflictdb.db import probes
+from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
@@ -445,9 +447,10 @@ def admit_in_sql(case: StoredCase) -> Finding:
     finding = Finding()
     others = [one for one in case.mixed.objects if one.key != plan.key]
     with case.passing("admission", others) as scene:
-        given = json.dumps([as_plan(plan)])
-        row = conn.execute("SELECT * FROM conflictdb.admit(%s, %s)", [scene.name, given]).fetchone()
-        conn.commit()
+        given = json.dumps([feature_of(plan) | {"version": 1}])
+        with worker_connected(conn.info.dsn):
+            row = conn.execute("SELECT * FROM conflictdb.admit(%s, %s)", [scene.name, given]).fetchone()
+            conn.commit()
         assert row is not None
         admitted, conflicts, request = row
         if request is not None:
@@ -468,18 +471,6 @@ def admit_in_sql(case: StoredCase) -> Finding:
             stored = _listed(case, scene)
             return _added([finding, stored])
     return finding
-
-
-def as_plan(one: Object) -> dict[str, Any]:
-    """Return a plan as the function admit takes it."""
-    values = {name: value for name, value in _as_sql(one).items() if value is not None}
-    values["properties"] = dict(one.properties)
-    for name in ("schedule", "tolerances"):
-        if name in values:
-            values[name] = json.loads(values[name])
-    if isinstance(one, Track):
-        values["times"] = _instants(one.times_us.tolist())
-    return values
 
 
 def explain(case: StoredCase) -> Finding:
