@@ -1,6 +1,7 @@
 """Stored differences are those of a full computation; delays that are looked up are those computed, to the bit."""
 
 import json
+import runpy
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -491,6 +492,11 @@ def test_an_upgrade_adds_the_setting_and_no_row(dsn: str) -> None:
         conn.execute("DROP TABLE conflictdb.difference CASCADE")
         conn.execute("ALTER TABLE conflictdb.scene DROP COLUMN delays_within_s CASCADE")
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '0003'")
+        conn.execute("DROP TABLE conflictdb.probe_reply, conflictdb.probe_request CASCADE")
+        first = runpy.run_path(str(next((Path(__file__).parents[2] / "migrations" / "versions").glob("0001_*.py"))))
+        for name in ("PROBE_REQUEST", "PROBE_REQUEST_SCENE", "PROBE_REPLY"):
+            conn.execute(first[name].encode())
+        conn.execute("ALTER TABLE conflictdb.probe_request ADD COLUMN horizon interval, ADD COLUMN delays jsonb")
     assert schema.upgrade(dsn) == schema.head()
     with connect(dsn) as db:
         known = db.scene("s")
