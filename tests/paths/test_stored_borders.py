@@ -305,7 +305,7 @@ def undone(scene: StoredScene, way: Way) -> Callable[[Plan], Plan]:
 
 # Ways that compare a plan with another one are gone by plans that differ in one field.
 _IN_BRANCHES: Final = {"refuses": {"schedule": "cannot be edited in a branch"}}
-_IN_ADMISSIONS: Final = {"refuses": {"schedule": "schedule"}, "is_slow": True}
+_IN_ADMISSIONS_OF_SQL: Final = {"refuses": {"schedule": "schedule"}, "is_slow": True}
 STORED: Final[Mapping[str, tuple[Way, dict[str, Any]]]] = {
     "put": (by_put, {"is_slow": True}),
     "put again": (by_put_again, {}),
@@ -315,7 +315,7 @@ STORED: Final[Mapping[str, tuple[Way, dict[str, Any]]]] = {
     "new in a branch": (by_new_in_branch, {**_IN_BRANCHES, "is_slow": True}),
     "copy": (by_copy, {"is_slow": True}),
     "other key": (by_new_key, {"is_slow": True}),
-    "admission": (by_admission, _IN_ADMISSIONS),
+    "admission": (by_admission, {"is_slow": True}),
     "request to a worker": (by_request, {}),
     "detection": (by_detection, {"refuses": {"schedule": "is not expanded"}}),
     "proposal": (by_proposal, {"kinds": (Track,), "changes": {"schedule": (), "departures_us": ()}}),
@@ -335,7 +335,7 @@ def test_every_field_in_exports_of_a_database(scene: StoredScene, tmp_path: Path
     assert not faults, "\n".join(faults)
 
 
-@pytest.mark.parametrize(("way", "rest"), [(by_table, {}), (by_admission_in_sql, _IN_ADMISSIONS)])
+@pytest.mark.parametrize(("way", "rest"), [(by_table, {}), (by_admission_in_sql, _IN_ADMISSIONS_OF_SQL)])
 def test_every_field_in_several_transactions(scene: StoredScene, way: Way, rest: dict[str, Any]) -> None:
     """Attached tables, and plans that SQL and workers admit."""
     faults = list(Border(partial(way, scene), **{"is_slow": True, **rest}).faults())
