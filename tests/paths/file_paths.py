@@ -91,20 +91,21 @@ def f3548(case: StoredCase) -> Finding:
     ]
     if None in ends:
         raise NotApplicable("an operational intent has a start and an end")
-    if any("track" in rule.sides for rule in case.scene.rules):
-        raise NotApplicable("volumes are areas, for which other rules apply than for tracks")
+    # Volumes are areas: rules for all tracks do not apply to them.
+    rules = tuple(rule for rule in case.scene.rules if "track" not in rule.sides)
+    expected = solved(case.mixed.tracks, case.mixed.areas, replace(case.scene, rules=rules))
     path, datum = case.folder / "stored.f3548.json", VerticalDatum.WGS84
     finding = Finding()
     with (
-        case.passing("plans", case.mixed.objects, vertical_datum=datum) as plans,
-        case.passing("volumes", [], detect=False, vertical_datum=datum) as volumes,
+        case.passing("plans", case.mixed.objects, vertical_datum=datum, rules=rules) as plans,
+        case.passing("volumes", [], detect=False, vertical_datum=datum, rules=rules) as volumes,
         _remarks(),
     ):
         plans.export(path)
         case.db.load(path, volumes.name)
         case.detect(volumes)
         rows = _joined(volumes.conflicts())
-    for pair, row in case.rows.items():
+    for pair, row in expected.items():
         if row.verdict is Verdict.CONFLICT:
             is_there = pair in rows or pair[::-1] in rows
             finding.check(is_there, f"{pair} is missing: {row.verdict}, {row.periods}")
