@@ -5,12 +5,14 @@
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
-columns of the model `ConflictRow` in conflictdb/db/models.py. Tests say when a page is out of date
+columns of the model `ConflictRow` in conflictdb/db/models.py. `paths.md` is made from `model.path_limits` and from the
+counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
 import argparse
 import ast
+import csv
 import dataclasses
 import inspect
 import os
@@ -28,7 +30,7 @@ import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
 from conflictdb.cli.parser import Parser
-from conflictdb.model import record
+from conflictdb.model import path_limits, record
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
 NOTE: Final = "<!-- Made by docs/generate.py: do not edit. -->"
@@ -482,6 +484,68 @@ def _states() -> str:
     return f"## SQLSTATEs\n\n{said}\n\n{table(['SQLSTATE', 'name'], rows)}"
 
 
+# --- paths
+
+PATHS: Final = f"""\
+# Paths
+
+{NOTE}
+
+A path is a way of asking which plans interfere: `solve`, a detection, a probe, a file that is written and read, and so
+on. Each path of the tables below gives the answer of `solve` with every feature of plans, or refuses by a row of the
+first one. Random scenes of 3 to 12 objects mix the features. Claims about other plans, such as those of `delays`, are
+checked by moving the plan and solving again.
+
+`./run python tests/paths/table.py` compares again, `--seeds FIRST:END` other scenes, `--paths NAME` also probes,
+admissions and other paths that these tables do not have, and `./run test -m slow tests/paths` a hundred new scenes.
+"""
+COUNTS: Final = Path(__file__).resolve().parents[1] / "tests" / "paths" / "table.csv"
+EVERY: Final = "every feature"
+
+
+def paths() -> str:
+    """Return the page of paths."""
+    with COUNTS.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    names = list(dict.fromkeys(row["path"] for row in rows))
+    number = {name: str(n) for n, name in enumerate(names, 1)}
+    features = [name for name in dict.fromkeys(row["feature"] for row in rows) if name != EVERY]
+    count = {(row["path"], row["feature"]): row for row in rows}
+    totals = [
+        [
+            number[name],
+            name,
+            *(count[name, EVERY][column] for column in ("scenes", "comparisons", "failures", "refusals")),
+        ]
+        for name in names
+    ]
+    cells = [[feature, *(_count(count[name, feature]) for name in names)] for feature in features]
+    reasons = [[row["path"], row["feature"], row["reason"]] for row in rows if row["reason"]]
+    return (
+        "\n\n".join(
+            [
+                PATHS.rstrip(),
+                "## Refusals",
+                table(["path", "feature", "message", "reason"], path_limits.PATH_LIMITS),
+                "## Comparisons",
+                "A comparison is that of one pair, or of one claim.",
+                table(["", "path", "scenes", "comparisons", "failures", "refused scenes"], totals),
+                "Comparisons in scenes with a feature, by the number of the path; r: refused, -: not applicable.",
+                table(["feature", *number.values()], cells),
+                "## Not applicable",
+                table(["path", "feature", "reason"], reasons),
+            ]
+        )
+        + "\n"
+    )
+
+
+def _count(row: dict[str, str]) -> str:
+    if row["reason"]:
+        return "-"
+    return row["comparisons"] if int(row["comparisons"]) else "r"
+
+
 def main() -> None:
     """Write all pages."""
     with tempfile.TemporaryDirectory() as home:
@@ -489,6 +553,7 @@ def main() -> None:
         os.environ["CONFLICTDB_HOME"] = f"{home}/database"
         with conflictdb.connect() as db, db.connection.transaction():
             pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
+        pages["paths.md"] = paths()
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
     MODELS.write_text(models())

@@ -1,5 +1,6 @@
 """Every path gives the answer of `solve`, with every feature of plans, or refuses by a row of `path_limits`."""
 
+import csv
 import secrets
 from collections.abc import Mapping
 from pathlib import Path as Folder
@@ -9,7 +10,7 @@ import psycopg
 import pytest
 from case import Case
 from database_paths import StoredCase
-from mixed_scenes import FEATURES, mixed_scene
+from mixed_scenes import FEATURES, Feature, mixed_scene
 from path_table import IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, Path, Table
 
 from conflictdb import connect
@@ -74,6 +75,19 @@ def test_limits_are_few_and_of_known_cells() -> None:
         assert not limit.feature.startswith("separation in time") or limit.path.startswith("speeds"), limit
         assert (limit.path, limit.feature) not in NOT_APPLICABLE
     assert all(path in PATHS and reason for (path, _), reason in NOT_APPLICABLE.items())
+
+
+def test_recorded_counts_have_every_cell_and_no_failure() -> None:
+    """Otherwise: ./run python tests/paths/table.py --write."""
+    with Folder(__file__).with_name("table.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    cells = {(row["path"], row["feature"]): row for row in rows if row["feature"] in list(FEATURES)}
+    assert cells.keys() == {(path, feature) for path in PATHS for feature in FEATURES}
+    limits = {(limit.path, limit.feature) for limit in PATH_LIMITS}
+    for (path, feature), row in cells.items():
+        assert row["failures"] == "0"
+        assert row["reason"] == NOT_APPLICABLE.get((path, Feature(feature)), "")
+        assert int(row["comparisons"]) or row["reason"] or ((path, feature) in limits and int(row["refusals"]))
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ def script(name: str) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["cli", "python", "arrow"])
+@pytest.mark.parametrize("name", ["cli", "python", "arrow", "paths"])
 def test_page_is_up_to_date(name: str) -> None:
     """Otherwise: ./run python docs/generate.py."""
     assert (DOCS / "reference" / f"{name}.md").read_text() == getattr(script("generate"), name)()
