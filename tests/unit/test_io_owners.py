@@ -32,7 +32,7 @@ def test_shared_owners_of_a_file_are_remarked_on(
         for k, owner in enumerate(owners)
     ]
     (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    remarks = [one.text for one in read(tmp_path / "a.geojson").remarks]
+    remarks = [one.text for one in read(tmp_path / "a.geojson").remarks if "long sides" not in one.text]
     assert [text in one for one in remarks if text is not None] == ([] if text is None else [True])
     assert len(remarks) == (text is not None)
 
