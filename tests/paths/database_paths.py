@@ -369,7 +369,7 @@ def probe_one(case: StoredCase) -> Finding:
     """`probe` of the plan, in a scene without it and in the one that has it."""
     with idle_schedules():
         found = [scene.probe(case.mixed.plan) for scene in (case.without_plan, case.stored)]
-    return _added(same(case.rows_of_plan, rows, is_exact=case.has_fixed_plane) for rows in found)
+    return _added(same(case.rows_of_plan, rows, is_exact=False) for rows in found)
 
 
 def probe_undetected(case: StoredCase) -> Finding:
@@ -377,7 +377,7 @@ def probe_undetected(case: StoredCase) -> Finding:
     others = [one for one in case.mixed.objects if one.key != case.mixed.plan_key]
     with case.passing("undetected", others, detect=False) as scene, _incomplete():
         found = scene.probe(case.mixed.plan)
-    return same(case.rows_of_plan, found, is_exact=case.has_fixed_plane)
+    return same(case.rows_of_plan, found, is_exact=False)
 
 
 @contextmanager
@@ -393,7 +393,7 @@ def probe_several(case: StoredCase) -> Finding:
     keys = {one.key for one in plans}
     with idle_schedules():
         found = case.stored.probe(plans)
-    return same(only_of(case.rows, keys), found, is_exact=case.has_fixed_plane)
+    return same(only_of(case.rows, keys), found, is_exact=False)
 
 
 def _two(case: StoredCase) -> list[Object]:
@@ -420,7 +420,7 @@ def probe_by_worker(case: StoredCase) -> Finding:
         thread.join(0.02)
     if isinstance(found[0], Exception):
         raise found[0]
-    return same(case.rows_of_plan, found[0], without=PLACES, is_exact=case.has_fixed_plane)
+    return same(case.rows_of_plan, found[0], without=PLACES, is_exact=False)
 
 
 def admit(case: StoredCase) -> Finding:
