@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import oracle
 import pytest
+import shapely
 from verdicts import Pair, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
@@ -107,3 +108,18 @@ def test_micrometres_apart_for_an_hour_is_grazing() -> None:
     edge_deg = 0.37986166457839093  # from edge_of_contact
     (found,) = solve([moved(other, edge_deg + 1e-10)], [zone], scene)
     assert found.verdict is Verdict.GRAZING
+
+
+def test_the_period_of_a_near_miss_has_a_small_error() -> None:
+    """A hull passes a straight side of an area, 0.9 m from it."""
+    zone = Area("zone", shapely.box(5.0, 40.0, 5.02, 40.02))
+    aside_deg, times_us = 40.0 - 10.9 / 111_034.6, [1_780_000_000_000_000, 1_780_001_000_000_000]
+    hull = Track("hull", [(4.9, aside_deg), (5.03, aside_deg)], times_us, [(-10, 50), (10, 50), (10, -50), (-10, -50)])
+    (found,) = solve([hull], [zone], Scene("s", tolerance_m=1.0))
+    ((start, end),) = found.periods
+    assert found.verdict is Verdict.GRAZING
+    assert found.time_error_s < 0.1
+    # The way along the area and the hull's length, at 11.1 m/s.
+    assert start
+    assert end
+    assert (end - start).total_seconds() == pytest.approx(0.02 / 0.13 * 1000.0 + 9.1, abs=0.3)

@@ -32,6 +32,9 @@ enum { MAX_WINDOWS = 6, LEAST_WINDOWS_APART = 3 };
 enum { MAX_HALVINGS = 12 };
 /* The zone ends where the polygons are nearer than at the smallest scale by this fraction of the separation. */
 static const double INTO_SHARE = 1e-3;
+/* Where near misses are looked at, as shares of the way from an end to the witness. More: smaller errors, more work. */
+static const double CLOSE_SHARES[] = {0.0, 0x1p-20, 0x1p-10, 0x1p-5};
+enum { CLOSE_LOOKS = sizeof CLOSE_SHARES / sizeof *CLOSE_SHARES };
 
 static const Contact UNDECIDED = {IS_UNDECIDED, IS_EITHER, 0.0, 0.0, 0.0};
 static const Contact SEPARATED = {IS_SEPARATED, IS_EITHER, 0.0, 0.0, 0.0};
@@ -229,11 +232,19 @@ static Contact contact_in_window(Encounter *pair, const Window *window, Depth de
 /* A plane distance up to which a pair is within the margin anywhere. */
 static double margin_level(const Encounter *pair, double smallest) { return (pair->separation_m + pair->margin_m) * smallest; }
 
-/* A pair proven apart, but within the margin at the witness, and at other times only from start to end. Its error comes
- * from one look at either end: closer looks would make near misses more expensive than contacts. */
+/* An instant near `end` at which a pair is seen within a level, else the witness. */
+static double close_from(Encounter *pair, double end, double witness, double level) {
+    for (int k = 0; k < CLOSE_LOOKS; k++) {
+        double at = end + CLOSE_SHARES[k] * (witness - end);
+        if (encounter_plane_distance(pair, at).gap <= level) return at;
+    }
+    return witness;
+}
+
+/* A pair proven apart, but within the margin at the witness, and at other times only from start to end. Its error
+ * comes from a few looks at either end: more would make near misses more expensive than contacts. */
 static Contact close_in(Encounter *pair, double start, double end, double witness, double level) {
-    double first = encounter_plane_distance(pair, start).gap <= level ? start : witness;
-    double last = encounter_plane_distance(pair, end).gap <= level ? end : witness;
+    double first = close_from(pair, start, witness, level), last = close_from(pair, end, witness, level);
     return (Contact){IS_CLOSE, IS_SHALLOW, start, end, most(first - start, end - last)};
 }
 

@@ -150,13 +150,17 @@ static void state_errors(Encounter *pair, Found *found) {
     found->end_error = uncertain_s(pair, found, found->end, found->last);
 }
 
-/* Whether a contact is within the span, not only at the excluded instant at its end. One instant in contact before that
- * is enough; the clearance at the end is not known better than to rounding. */
-static bool is_within_span(Encounter *pair, const Found *found, double beyond) {
-    if (!(found->start > 0.0 && found->end >= beyond)) return true;
+/* Whether a contact that begins at an instant, at the earliest, is only at the excluded instant at the end of the span. The
+ * clearance at the end does not show when contact begins: it may be zero to rounding where a long contact ends. */
+static bool is_only_at_end(Encounter *pair, double begins, double beyond) {
+    if (!(begins > 0.0 && begins >= beyond - END_RESOLUTION_S)) return false;
+    return !(clearance(pair, beyond) < -encounter_certainty_margin_m(pair));
+}
+
+/* The first instant of a contact, but for what touches within rounding before. */
+static double first_instant(Encounter *pair, const Found *found) {
     double level = most(clearance(pair, found->first), 0.0);
-    if (crossing_between(clearance, pair, level, found->start, found->first).inner < beyond - END_RESOLUTION_S) return true;
-    return clearance(pair, beyond) < -encounter_certainty_margin_m(pair);
+    return crossing_between(clearance, pair, level, found->start, found->first).inner;
 }
 
 /* Whether the pair is nowhere deep enough to be in conflict.
@@ -240,15 +244,19 @@ static void add_close(Encounter *pair, const Intervals *intervals, bool touches,
     answers_add(answers, hull.first, hull.last, error, is_unresolved ? KERNEL_UNRESOLVED : KERNEL_GRAZING, touches);
 }
 
+/* Add a pair without contact within its span: it is close if the margin is more than rounding. */
+static void add_close_within_margin(Encounter *pair, Answers *answers) {
+    if (pair->margin_m > KERNEL_TOUCH_M) add_close(pair, &pair->undecided, false, answers);
+}
+
 /* Add a pair in contact. hull: contains all contacts; seen: first and last known instants of contact. */
 static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, const Guess *guess, Answers *answers) {
     /* Find both outer ends. */
     OuterEnd start = outer_end(pair, guess, hull.first, seen.first, false);
     OuterEnd end = outer_end(pair, guess, hull.last, seen.last, true);
     Found found = {.start = start.outer, .end = end.outer, .first = start.witness, .last = end.witness};
-    if (!is_within_span(pair, &found, beyond)) {
-        /* It meets only at the excluded instant; within the span it is close. */
-        if (pair->margin_m > KERNEL_TOUCH_M) add_close(pair, &pair->undecided, false, answers);
+    if (found.end >= beyond && is_only_at_end(pair, first_instant(pair, &found), beyond)) {
+        add_close_within_margin(pair, answers);
         return;
     }
     /* Bound the errors, decide the verdict, and prove that the contact lasts. */
@@ -275,6 +283,16 @@ static Span search_for_touch(Encounter *pair, Intervals *intervals) {
     return seen;
 }
 
+/* Add a pair that is not seen in contact. close: not proven farther apart than the margin; touching: nor proven apart. */
+static void add_unseen(Encounter *pair, const Intervals *close, const Intervals *touching, double beyond, Answers *answers) {
+    bool touches = touching->count > 0;
+    const Intervals *left = touches ? touching : close;
+    if (left->count == 0) return;
+    bool is_rounding = touches || pair->margin_m <= KERNEL_TOUCH_M;
+    if (is_rounding && is_only_at_end(pair, hull_of(left).first, beyond)) add_close_within_margin(pair, answers);
+    else add_close(pair, left, touches, answers);
+}
+
 static void search_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
     Intervals *undecided = &pair->undecided, *deeper = &pair->deeper;
     pair->work->searched_pairs++;
@@ -288,9 +306,7 @@ static void search_contacts(Encounter *pair, double low, double high, double bey
         seen = search_for_touch(pair, deeper);
     }
     if (is_seen(seen)) add_contacts(pair, hull_of(undecided), seen, beyond, guess, answers);
-    /* Neither proven apart nor seen in contact: it may touch for an instant. Other pairs are only close. */
-    else if (deeper->count > 0) add_close(pair, deeper, true, answers);
-    else add_close(pair, undecided, false, answers);
+    else add_unseen(pair, undecided, deeper, beyond, answers);
 }
 
 /* Add what is proven without a search; false if that is not everything. */
