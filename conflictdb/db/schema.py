@@ -88,7 +88,7 @@ FROM (
 ) r"""
 _MAY_READ: Final = """
 SELECT has_schema_privilege(r.oid, 'conflictdb', 'USAGE')
-       AND EXISTS (SELECT FROM pg_catalog.pg_policy p WHERE p.polrelid = 'conflictdb.scene'::regclass)
+       AND EXISTS (SELECT FROM pg_catalog.pg_policy p WHERE p.polrelid = 'conflictdb.scene'::regclass::oid)
 FROM pg_catalog.pg_roles r WHERE r.rolname = 'conflictdb_reader'"""
 # Takes private routines out of the extension, so that they can be dropped.
 _RELEASE: Final = """
