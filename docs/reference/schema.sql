@@ -251,7 +251,11 @@ TABLE probe_reply (
     closest_m double precision,
     closest_error_m double precision,
     lacking_s double precision,
-    certainty text
+    certainty text,
+    plan_key text COLLATE C NOT NULL,
+    name text,
+    closest_a_point geometry(Point,4326),
+    closest_b_point geometry(Point,4326)
 );
 
 TABLE probe_request (
@@ -259,26 +263,14 @@ TABLE probe_request (
     scene_id bigint NOT NULL,
     asked_by name NOT NULL DEFAULT CURRENT_USER,
     asked_at timestamp with time zone NOT NULL DEFAULT now(),
-    object_kind smallint NOT NULL,
-    key text COLLATE C,
-    footprint geometry(MultiPolygon,4326),
-    active_span tstzrange,
-    path geometry(LineStringM,4326),
-    outline geometry(Polygon),
-    grow_mps double precision NOT NULL DEFAULT 0,
-    floor_m double precision,
-    ceiling_m double precision,
     answered_at timestamp with time zone,
     is_current boolean,
     error text,
     failures smallint NOT NULL DEFAULT 0,
-    horizon interval,
-    delays jsonb,
-    plans jsonb,
-    owner text,
-    allow_known boolean NOT NULL DEFAULT false,
-    admission jsonb,
-    replace text[]
+    plans json,
+    kind text NOT NULL,
+    options jsonb NOT NULL DEFAULT '{}'::jsonb,
+    answer jsonb
 );
 
 TABLE proposal (
@@ -710,7 +702,6 @@ CONSTRAINT branch_edit_pkey ON branch_edit: PRIMARY KEY (scene_id, key);
 CONSTRAINT branch_edit_scene_fkey ON branch_edit: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT change_object_id_in_range ON change: CHECK (((object_id >= 1) AND (object_id <= '4611686018427387903'::bigint)));
-CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT conflict_certainty_known ON conflict: CHECK ((certainty = ANY (ARRAY['must'::text, 'may'::text])));
 CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, closest_error_m, closest_a_point, closest_b_point) = ANY (ARRAY[0, 4])) AND ((closest_at IS NULL) OR (closest_m IS NOT NULL)) AND ((verdict <> 'near'::text) OR (closest_m IS NOT NULL))));
 CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
@@ -744,18 +735,11 @@ END));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT probe_reply_kind_known ON probe_reply: CHECK ((object_kind = ANY (ARRAY[0, 1])));
-CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, key);
+CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, plan_key, key);
 CONSTRAINT probe_reply_request_fkey ON probe_reply: FOREIGN KEY (probe_id) REFERENCES probe_request(probe_id) ON DELETE CASCADE;
-CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((object_kind = ANY (ARRAY[0, 1])));
+CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((kind = ANY (ARRAY['probe'::text, 'delays'::text, 'admit'::text])));
 CONSTRAINT probe_request_pkey ON probe_request: PRIMARY KEY (probe_id);
-CONSTRAINT probe_request_plan_given ON probe_request: CHECK (
-CASE
-    WHEN (plans IS NOT NULL) THEN (num_nonnulls(key, footprint, path, horizon) = 0)
-    WHEN (horizon IS NOT NULL) THEN ((object_kind = 1) AND (key IS NOT NULL) AND (path IS NULL))
-    WHEN (object_kind = 0) THEN (num_nonnulls(footprint, active_span) = 2)
-    ELSE (num_nonnulls(path, outline) = 2)
-END);
-CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT probe_request_plans_given ON probe_request: CHECK (((plans IS NULL) = (kind = 'delays'::text)));
 CONSTRAINT proposal_goal_known ON proposal: CHECK ((goal = ANY (ARRAY['total'::text, 'largest'::text])));
 CONSTRAINT proposal_of_scene ON proposal: UNIQUE (proposal_id, scene_id);
 CONSTRAINT proposal_pkey ON proposal: PRIMARY KEY (proposal_id);
@@ -789,7 +773,6 @@ CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::tex
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
 CONSTRAINT scene_name_valid ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double precision) AND (nearest_m < 'Infinity'::double precision)));
-CONSTRAINT scene_parent_fkey ON scene: FOREIGN KEY (parent_scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_scene_id_in_range ON scene: CHECK (((scene_id >= 1) AND (scene_id <= '4611686018427387903'::bigint)));
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
@@ -895,6 +878,9 @@ FUNCTION _add_staged(p_scene_id bigint, p_first_page bigint, OUT added bigint, O
 FUNCTION _admission_holders(p_scene_id bigint)
     RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _admission_marker()
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _after_attached_written()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -931,13 +917,10 @@ FUNCTION _after_scene_removal()
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _allowed_types(p_scene_id bigint, OUT classes bigint[], OUT pairs text[])
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+FUNCTION _allowed_types(p_scene_id bigint)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _answer_admission(p_probe_id bigint, p_admission jsonb)
-    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
+FUNCTION _answer_request(p_probe_id bigint, p_error text, p_found jsonb, p_answer jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
@@ -946,7 +929,10 @@ FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
 FUNCTION _are_above(p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_classes bigint[], p_allowed text[])
+FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_rules jsonb)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _are_features(p_plans jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _area_before()
@@ -960,6 +946,12 @@ FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
 
 FUNCTION _as_branch(p_new scene, p_old scene)
     RETURNS scene LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _as_parameters(p_feature jsonb, p_foreign jsonb)
+    RETURNS jsonb LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _at_once(p_branch_id bigint, p_is_removal boolean)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _at_sea(p_path geometry, p_departures timestamp with time zone[])
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
@@ -997,7 +989,7 @@ FUNCTION _attachments(p_scene text)
 FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_is_delays boolean)
+FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_kind text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_acknowledgement()
@@ -1147,6 +1139,9 @@ FUNCTION _check_may_prune(p_who text, p_owner name)
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_options(p_kind text, p_options jsonb)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1205,7 +1200,7 @@ FUNCTION _class_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _close_attached_schema()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=20ms;
 
 FUNCTION _combined_hash(p_sum numeric)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1264,9 +1259,6 @@ FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
 FUNCTION _create_note(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _delays_if_stored(p_scene_id bigint, p_key text, p_horizon_us bigint, p_now_us bigint, OUT delays text)
-    RETURNS SETOF text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
-
 FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1278,6 +1270,9 @@ FUNCTION _drawn_path(p_path geometry, p_plane text)
 
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _drop_orphans()
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
     RETURNS geometry[] LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1303,6 +1298,9 @@ FUNCTION _exact_numeric(p_number double precision)
 FUNCTION _expanded(p_scene_id bigint)
     RETURNS tstzrange LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _expanded_us(p_scene_id bigint, OUT from_us bigint, OUT until_us bigint)
+    RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _explained_as_json(p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1312,8 +1310,20 @@ FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT
 FUNCTION _explained_text(j jsonb)
     RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _feature(p_area area)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+
+FUNCTION _feature(p_track track)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+
+FUNCTION _features_of(p_scene_id bigint, p_plans jsonb)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _find_attached(p_scene text, p_table text)
     RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _first_stop(p_path geometry, p_departures timestamp with time zone[], OUT starts_us bigint, OUT leaves_us bigint)
+    RETURNS record LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, OUT departs_us bigint[])
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
@@ -1323,6 +1333,9 @@ FUNCTION _first_version(p_kind smallint, p_id bigint)
 
 FUNCTION _follow_attachment(p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _follow_parent(p_branch_id bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1381,7 +1394,7 @@ FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
 FUNCTION _hold_proposal(p_proposal_id bigint)
     RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint, OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint)
+FUNCTION _horizon(p_scene_id bigint, p_is_asked boolean, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint, OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
@@ -1396,6 +1409,9 @@ FUNCTION _identity_of(p_alias text, p_columns text[])
 FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _instant_text(p_at timestamp with time zone)
+    RETURNS text LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _instants_of(p_instants jsonb)
     RETURNS timestamp with time zone[] LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1407,6 +1423,9 @@ FUNCTION _is_all_dirty(p_scene_id bigint)
 
 FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _is_behind_parent(p_scene_id bigint)
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _is_closed(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1477,8 +1496,8 @@ FUNCTION _latitude(p_rectifying double precision, p_earth text)
 FUNCTION _layers(p_scene_id bigint)
     RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _leeway(p_path geometry, p_horizon_us bigint, p_now_us bigint, OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint)
-    RETURNS record LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+FUNCTION _leeway(p_starts_us bigint, p_leaves_us bigint, p_horizon_us bigint, p_now_us bigint, OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint)
+    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1561,6 +1580,9 @@ FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _members_of_plans()
+    RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _microseconds(p_at timestamp with time zone)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -1587,6 +1609,9 @@ FUNCTION _names(p_scene text, p_keys text[])
 
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _need_schedules(p_scene_id bigint, p_keys text[])
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1615,14 +1640,20 @@ FUNCTION _object_with(p_scene_id bigint, p_key text, OUT object_kind smallint, O
 FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
+FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[], p_from_us bigint, p_until_us bigint)
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text, is_stale boolean) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
+
+FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, INOUT p_owner text)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _open_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
+
+FUNCTION _open_outline(p_outline geometry)
+    RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _order_reason(p_identity text)
     RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1638,6 +1669,9 @@ FUNCTION _own_scene_id(p_scene text)
 
 FUNCTION _own_scenes()
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _owned_features(p_plans jsonb, p_owner text)
+    RETURNS jsonb LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _parent_name(p_scene_id bigint)
     RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1687,14 +1721,20 @@ FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_ce
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _plans_given(p_plans jsonb)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _plans_of(p_plans jsonb)
     RETURNS TABLE(key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamp with time zone[], outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text, activations tstzmultirange, departures timestamp with time zone[], schedule jsonb, tolerances jsonb) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _point_of(p_degrees double precision[])
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _positions(p_geometry geometry, p_are_closed boolean)
+    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _probe_failed(p_probe_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
-
-FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
-    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _proposal(p_proposal_id bigint)
     RETURNS proposal LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1731,9 +1771,6 @@ FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked
 
 FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _put_requested(p_probe_id bigint)
-    RETURNS text[] LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_rules(p_scene_id bigint, p_rules jsonb, p_is_all boolean)
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -1777,14 +1814,14 @@ FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map
 FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
-FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
-    RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+FUNCTION _request(p_scene_id bigint, p_kind text, p_plans json, p_options jsonb DEFAULT '{}'::jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _request_probes(p_scene text, p_keys text[], p_kinds integer[], p_footprints bytea[], p_starts_us bigint[], p_ends_us bigint[], p_paths bytea[], p_outlines bytea[], p_floors_m double precision[], p_ceilings_m double precision[], p_grow_mps double precision[])
-    RETURNS bigint[] LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+FUNCTION _request_probe(p_scene text, p_plans json)
+    RETURNS bigint LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
-FUNCTION _requested_admission(p_probe_id bigint)
-    RETURNS TABLE(owner text, allow_known boolean, replace text[]) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+FUNCTION _requested(p_probe_id bigint, OUT kind text, OUT scene text, OUT plans text, OUT options jsonb, OUT max_speed_kn double precision)
+    RETURNS record LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1803,6 +1840,9 @@ FUNCTION _rule_before()
 
 FUNCTION _rule_between(p_scene_id bigint, p_a_kind smallint, p_a_class text, p_b_kind smallint, p_b_class text, p_above integer DEFAULT 0, OUT rule_id bigint, OUT a_class text, OUT b_class text, OUT separation_m double precision, OUT vertical_m double precision, OUT time_s double precision, OUT allowed boolean, OUT yields text)
     RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _rule_names(p_scene_id bigint)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
 
 FUNCTION _rules_of(p_scene_id bigint)
     RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET extra_float_digits=1;
@@ -1849,8 +1889,11 @@ FUNCTION _scene_to_change(p_scene text)
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean, branch_of text) LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
+FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _scheduled_near(p_scene_id bigint, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS TABLE(object_kind smallint, object_id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _schedules_wait(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
@@ -1888,6 +1931,9 @@ FUNCTION _set_scene(p_name text, p_settings jsonb)
 FUNCTION _settings_of(p_scene anyelement)
     RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET extra_float_digits=1;
 
+FUNCTION _settle_branches(p_parent_id bigint, p_is_removal boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _shared_span(p_a tstzrange, p_b tstzrange, p_within_s double precision)
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1924,8 +1970,14 @@ FUNCTION _shown_seconds(p_s double precision)
 FUNCTION _side_fits(p_side text, p_kind smallint, p_class text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _side_name(p_side text)
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _side_rank(p_side text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _sides(p_a_class text, p_b_class text, OUT rank integer, OUT first text, OUT other text, OUT name text)
+    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
@@ -1947,6 +1999,9 @@ FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first big
 
 FUNCTION _stays_simple(p_footprint geometry)
     RETURNS boolean LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _stored_differences(p_scene_id bigint, p_key text, p_horizon_us bigint, OUT key text, OUT starts_us bigint, OUT leaves_us bigint, OUT others text[], OUT low_us bigint[], OUT high_us bigint[], OUT is_proven boolean[])
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _stored_horizon_us(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -2008,20 +2063,17 @@ FUNCTION _track_feature(p_track track)
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
     RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _type_of(p_kind smallint, p_class bigint, p_classes bigint[])
-    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _unseen_hidden(p_branch_id bigint, p_parent_id bigint)
+    RETURNS TABLE(object_kind smallint, object_id bigint) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _voyages(p_path geometry, p_departures timestamp with time zone[])
     RETURNS TABLE(later interval) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
-    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
-
-FUNCTION _wait_for_probes(p_probe_ids bigint[], p_timeout interval)
-    RETURNS TABLE(n bigint, key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(plan_key text, kind smallint, key text, name text, verdict text, periods bytea, time_error_s double precision, first_contact_lon_deg double precision, first_contact_lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -2058,6 +2110,9 @@ FUNCTION _windows_later(p_tolerances jsonb, p_delay_s double precision)
 
 FUNCTION _word_number(p_word text)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _worker_count()
+    RETURNS bigint LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -2215,10 +2270,13 @@ FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_key text DEFAULT NULL::text)
+FUNCTION request_plans_probe(p_scene text, p_plans jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text)
+FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_key text DEFAULT NULL::text, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read'::text)
@@ -2253,6 +2311,9 @@ FUNCTION wait_for_admission(p_request_id bigint, p_timeout interval DEFAULT '00:
 
 FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision, OUT latest_s double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION wait_for_plans_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
+    RETURNS TABLE(plan_key text, key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
