@@ -217,7 +217,8 @@ def _touching(pairs: Pairs, by_deg: Array, far_m: Array, aside_m: Array) -> Pair
     slope, found = np.where(slope > 1e-3, slope, 1.0), pairs.b.moved(high[:, None] * by_deg)
     for _ in range(2):
         off = (aside_m - pairs.gap_m(pairs.at_s, b=found)).astype(np.float64) / slope
-        found = found.moved(off[:, None] * by_deg)
+        # A pair that does not converge stays where it is, and is skipped.
+        found = found.moved(np.clip(off, -1.0, 1.0)[:, None] * by_deg)
     return replace(pairs, b=found)
 
 
