@@ -290,6 +290,8 @@ def truth(pairs: Pairs) -> Truth:
     starts = np.where(has_side, np.where(sign < 0, far_s, near_s), np.where(is_last, turn_s, start))
     ends = np.where(has_side, np.where(sign < 0, near_s, far_s), np.where(is_first, turn_s, end))
     is_told = is_sharp & is_one & (~has_side | (np.abs(far_s - near_s) > 1e-5))
+    # The search for the other end may find the one that is known.
+    is_told &= ~must | (starts < ends)
     return Truth(is_told, must, may, now < 0, np.maximum(starts, start), np.minimum(ends, end), depth_m)
 
 
