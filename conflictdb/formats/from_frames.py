@@ -1,13 +1,14 @@
 """Build areas and tracks from a GeoDataFrame of geopandas, and tracks from trajectories of MovingPandas.
 
 Columns named like members of scene files are read as these members, in upper or lower case; other columns become
-properties, of fixes those of the first one. Names close to a member are refused. Without a column `id` the index is the
+properties, of fixes the first value. Names close to a member are refused. Without a column `id` the index is the
 id. A missing value (NaN, NaT, None) is an absent member; any other value is kept, or refused by column and type.
 Instants are datetimes with a zone, or ISO 8601 texts with an offset. The reference system must be known; systems other
 than longitude and latitude on WGS84 are transformed vertex by vertex.
 """
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,7 +35,12 @@ HAVEN: Final = frozenset({"outline_m", "outlines_m", "grow_mps", *file_objects.S
 # Columns of a frame of fixes that belong to each fix, not to the track.
 _OF_FIXES: Final = frozenset({"id", "time", "end", *file_objects.TIMES, *file_objects.SPEED})
 # Members of fixes that may differ, and how the track has them.
-_WIDEST: Final = {"floor_m": min, "ceiling_m": max, "grow_mps": max, **dict.fromkeys(file_objects.SIZES, max)}
+_WIDEST: Final[Mapping[str, Callable[..., float]]] = {
+    "floor_m": min,
+    "ceiling_m": max,
+    "grow_mps": max,
+    **dict.fromkeys(file_objects.SIZES, max),
+}
 _BANDS: Final = frozenset({"floor_m", "ceiling_m"})
 # Fields of Area and Track that members of other names have.
 _FIELDS: Final = {
@@ -83,7 +89,8 @@ def tracks_of(
 def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: TimeZone) -> list[Track]:
     """Return the tracks of trajectories, each a frame of fixes.
 
-    Sizes and heights are the largest and the widest of all fixes; other members that differ are refused.
+    Sizes are the largest of all fixes, heights of a leg the wider of those at its ends; other members that differ are
+    refused.
 
     MovingPandas removes the zone from the instants and stores it in an attribute.
     """
@@ -119,17 +126,22 @@ def _of_all_fixes(who: str, frame: Any, zone: TimeZone) -> dict[str, Any]:
             given = [value for value in values if value is not None]
             if not given:
                 continue
+            is_constant = all(value == given[0] for value in given)
+            are_numbers = all(type(value) in (int, float) for value in given)
             found[text] = given[0]
-            if all(value == given[0] for value in given) and (len(given) == len(values) or lower not in _BANDS):
-                continue
-            if lower in _WIDEST and all(type(value) in (int, float) for value in given):
+            if lower in _BANDS and are_numbers and not (is_constant and len(given) == len(values)):
+                found[text] = _of_legs(values, _WIDEST[lower])
+            elif lower in _WIDEST and are_numbers:
                 found[text] = _WIDEST[lower](given)
-                if lower in _BANDS and len(given) < len(values):
-                    del found[text]  # unbounded at the fixes that do not say
-            elif lower in file_objects.TRACK_MEMBERS:
+            elif not is_constant and lower in (*file_objects.TRACK_MEMBERS, file_objects.DATUM):
                 raise InvalidInput(who, text, f"differs between fixes: {given[0]!r:.60} and others; a track has one")
     refusals.raise_found()
     return found
+
+
+def _of_legs(heights_m: Sequence[float | None], widest: Callable[[float, float], float]) -> list[float | None]:
+    """Return the height of each leg, the wider of those at its ends; None: unbounded, as an end without a height is."""
+    return [None if a is None or b is None else widest(a, b) for a, b in pairwise(heights_m)]
 
 
 def _instants_of_fixes(who: str, trajectory: Any, frame: Any) -> Any:

@@ -466,6 +466,9 @@ def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None
     )
     assert first.outline_m[:, 1].max() == 70.0
     assert (first.floor_m, first.ceiling_m) == (-9.0, None)
+    datums = fixes().assign(floor_m=1.0, vertical_datum=["wgs84", "msl"] * 7)
+    with pytest.raises(InvalidInput, match="trajectory 'E': vertical_datum: differs between fixes"):
+        solve(movingpandas.TrajectoryCollection(datums, "ship"), area, time_zone="UTC")
     classes = movingpandas.TrajectoryCollection(fixes().assign(**{"class": ["a", "b"] * 7}), "ship")
     with pytest.raises(InvalidInput, match="trajectory 'E': class: differs between fixes"):
         solve(classes, area, time_zone="UTC")
@@ -473,3 +476,21 @@ def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None
         nowhere = movingpandas.TrajectoryCollection(fixes().set_crs(None, allow_override=True), "ship", crs=None)
     with pytest.raises(InvalidInput, match="trajectory 'E': has no reference system"):
         solve(nowhere, area, time_zone="UTC")
+
+
+@ITS_OWN
+def test_heights_of_trajectories_are_those_at_the_ends_of_each_leg(movingpandas: Any) -> None:
+    """The band of all fixes on each leg met an area far above one."""
+    heights = {"floor_m": [0.0, 0, 0, 90, 90, np.nan, 50], "ceiling_m": [9.0, 9, 9, 99, 99, 99, 99]}
+    climbing = fixes().iloc[:7].assign(**heights)
+    (track,) = from_frames.tracks_of(
+        movingpandas.TrajectoryCollection(climbing, "ship"), Scene("s"), {}, TimeZone("UTC")
+    )
+    assert track.floors_m is not None
+    assert track.ceilings_m is not None
+    assert track.floors_m.tolist() == [0, 0, 0, 90, -np.inf, -np.inf]
+    assert track.ceilings_m.tolist() == [9, 9, 99, 99, 99, 99]
+    places = {"early": 9.025, "late": 9.0 + 3.5 / 60}
+    boxes = [Area(key, shapely.box(lon - 1e-3, 57.79, lon + 1e-3, 57.81), floor_m=91.0) for key, lon in places.items()]
+    collection = movingpandas.TrajectoryCollection(climbing, "ship")
+    assert [one.a_key for one in solve(collection, boxes, time_zone="UTC")] == ["late"]
