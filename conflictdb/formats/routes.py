@@ -22,6 +22,7 @@ from conflictdb.formats.instants import format_instant
 from conflictdb.formats.track_times import MAX_DURATION_S
 from conflictdb.model.plans import (
     MAX_INSTANT_US,
+    MAX_LATITUDE_DEG,
     MAX_RHUMB_LATITUDE_DEG,
     METRES_PER_NMI,
     MIN_INSTANT_US,
@@ -77,7 +78,8 @@ class Waypoint:
 class Route:
     """A route; `name` is its key too.
 
-    members : of the track, in place of the haven and the properties
+    members : of the track that was written as this route, in place of the haven and the properties; if all legs are
+        orthodromes, they are the legs of this track
     """
 
     name: str
@@ -85,10 +87,15 @@ class Route:
     properties: dict[str, Any] = field(default_factory=dict)
     members: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def has_great_circles(self) -> bool:
+        """Whether it was written from a track of great circles: its legs are not followed with rhumb lines."""
+        return bool(self.members) and all(point.is_orthodrome for point in self.waypoints[1:])
+
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """The loxodromes of a leg: positions (n, 2) after its start, and their lengths (n,) in metres."""
+    """The lines of a leg: positions (n, 2) after its start, and their lengths (n,) in metres."""
 
     positions_deg: NDArray[np.float64]
     lengths_m: NDArray[np.float64]
@@ -116,16 +123,20 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     points = route.waypoints
     if len(points) < 2:
         raise InvalidInput(who, "waypoints", f"a route needs at least two waypoints; got {len(points)}")
+    highest_deg = MAX_LATITUDE_DEG if route.has_great_circles else MAX_RHUMB_LATITUDE_DEG
     for point in points:
-        if not (abs(point.lat_deg) <= MAX_RHUMB_LATITUDE_DEG and abs(point.lon_deg) <= 180.0):
-            rule = f"must lie within +-180 degrees of longitude and +-{MAX_RHUMB_LATITUDE_DEG:g} of latitude"
+        if not (abs(point.lat_deg) <= highest_deg and abs(point.lon_deg) <= 180.0):
+            rule = f"must lie within +-180 degrees of longitude and +-{highest_deg:g} of latitude"
             raise InvalidInput(who, point.name, f"{rule}; got {point.lon_deg:g}, {point.lat_deg:g}")
         if (point.port_m is None) != (point.starboard_m is None):
             given, missing = ("starboard", "port") if point.port_m is None else ("port", "starboard")
             rule = f"has a cross-track limit to {given} only: give that to {missing} too, which may be 0"
             raise InvalidInput(who, point.name, rule)
     deviation_m = _deviation_m(points)
-    lines = [_line(who, before, point, deviation_m) for before, point in pairwise(points)]
+    if route.has_great_circles:
+        lines = [_great_circle(before, point) for before, point in pairwise(points)]
+    else:
+        lines = [_line(who, before, point, deviation_m) for before, point in pairwise(points)]
     arrivals, departures = _times(who, points, lines)
     positions: list[tuple[float, float]] = [(points[0].lon_deg, points[0].lat_deg)]
     times = [arrivals[0]]
@@ -148,13 +159,14 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     if not MIN_INSTANT_US <= min(times) <= max(times) <= MAX_INSTANT_US:
         raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
     lonlat = np.array(positions, np.float64)
-    # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
-    lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
+    if not route.has_great_circles:  # these take the shorter way round, and may go round a pole
+        # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
+        lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
     members: dict[str, Any] = {"outline_m": _haven(deviation_m), "name": route.name}
     members["tolerances"] = _tolerances(who, points, lonlat, times, owner) or None
     members |= {
         "properties": route.properties,
-        "legs": Motion.RHUMB if _has_loxodromes(route) else None,
+        "legs": _legs(route),
         **route.members,
     }
     return Track(
@@ -162,12 +174,16 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     )
 
 
-def _has_loxodromes(route: Route) -> bool:
-    """Return whether a leg is a rhumb line that is no great circle: neither along a meridian nor along the equator."""
-    return any(
-        not point.is_orthodrome and point.lon_deg != before.lon_deg and (point.lat_deg != 0.0 or before.lat_deg != 0.0)
+def _legs(route: Route) -> Motion | None:
+    """Return the lines of the track's legs; None: all are meridians or the equator, which are both, or follow both."""
+    only = {
+        point.is_orthodrome
         for before, point in pairwise(route.waypoints)
-    )
+        if point.lon_deg != before.lon_deg and (point.lat_deg != 0.0 or before.lat_deg != 0.0)
+    }
+    if False in only:
+        return Motion.RHUMB
+    return Motion.GREAT_CIRCLE if only and route.has_great_circles else None
 
 
 def _haven(deviation_m: float) -> NDArray[np.float64]:
@@ -240,6 +256,12 @@ def _line(who: str, before: Waypoint, point: Waypoint, deviation_m: float) -> _L
             raise InvalidInput(who, point.name, rule) from None
     earth = geodesy.earth_of(EarthModel.WGS84)
     return _Line(ends[1:], geodesy.rhumb_distance(earth, *ends[:-1].T, *ends[1:].T))
+
+
+def _great_circle(before: Waypoint, point: Waypoint) -> _Line:
+    end = np.array([[point.lon_deg, point.lat_deg]])
+    length_m = geodesy.great_circle_distance(before.lon_deg, before.lat_deg, *end.T)
+    return _Line(end, np.asarray(length_m, np.float64))
 
 
 def _times(who: str, points: Sequence[Waypoint], lines: Sequence[_Line]) -> tuple[list[int], list[int]]:

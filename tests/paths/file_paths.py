@@ -15,7 +15,7 @@ from database_paths import StoredCase
 
 from conflictdb import read
 from conflictdb.formats import write_scene_file
-from conflictdb.model.plans import Area, Motion, Track, VerticalDatum
+from conflictdb.model.plans import Area, Track, VerticalDatum
 from conflictdb.model.results import Conflict, Verdict
 
 _ORDER: Final = (Verdict.NEAR, Verdict.GRAZING, Verdict.UNRESOLVED, Verdict.CONFLICT)
@@ -62,8 +62,6 @@ def kml(case: StoredCase) -> Finding:
 
 def rtz(case: StoredCase) -> Finding:
     """RTZ, a file for each track."""
-    if case.scene.motion is Motion.GREAT_CIRCLE:
-        raise NotApplicable("routes of great circles are read as rhumb lines with more waypoints")
     tracks: list[Track] = []
     for one in case.mixed.tracks:
         _, found = _exported(case, f"{one.key}.rtz", [one.key])

@@ -45,7 +45,6 @@ PATHS: Final[Mapping[str, Path]] = {**IN_MEMORY, **IN_DATABASE}
 # Why a path has nothing to compare with a feature.
 NOT_APPLICABLE: Final[Mapping[tuple[str, Feature], str]] = {
     ("F3548", Feature.UNBOUNDED): "an operational intent has a start and an end",
-    ("RTZ", Feature.GREAT_CIRCLE): "routes of great circles are read as rhumb lines with more waypoints",
 }
 
 
