@@ -334,7 +334,8 @@ BEGIN
                           ('admit', 'owner', 'string'), ('admit', 'allow_known', 'boolean'),
                           ('admit', 'replace', 'array')) o (kind, key, type) ON o.kind = p_kind AND o.key = e.key
         WHERE o.type IS NULL OR jsonb_typeof(e.value) NOT IN (o.type, 'null')
-              OR e.key = 'replace' AND jsonb_path_exists(e.value, 'strict $[*] ? (@.type() <> "string")')
+              OR e.key = 'replace' AND CASE jsonb_typeof(e.value) WHEN 'array' THEN
+                     jsonb_path_exists(e.value, 'strict $[*] ? (@.type() <> "string")') ELSE false END
         LIMIT 1;
     IF FOUND THEN
         FOUND := _raise('ZC016', 'what is asked about', v_member,

@@ -200,12 +200,20 @@ COMMENT ON FUNCTION _span_of(text) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._spans_of(p_text text) RETURNS tstzmultirange
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_spans tstzrange[];
 BEGIN
     IF p_text !~ '^\s*\{\s*([[(][^][()]*[])](\s*,\s*[[(][^][()]*[])])*)?\s*\}\s*$' THEN
         RAISE EXCEPTION 'spans: %: must be {[start, end), [start, end), ...}', quote_literal(left(p_text, 100))
             USING ERRCODE = 'ZC003';
     END IF;
-    RETURN coalesce((SELECT range_agg(_span_of(m[1])) FROM regexp_matches(p_text, '[[(][^][()]*[])]', 'g') m), '{}');
+    SELECT array_agg(_span_of(m[1])) INTO v_spans FROM regexp_matches(p_text, '[[(][^][()]*[])]', 'g') m;
+    -- A multirange would lose it.
+    IF 'empty' = ANY (v_spans) THEN
+        RAISE EXCEPTION 'spans: %: each must end after it starts', quote_literal(left(p_text, 100))
+            USING ERRCODE = 'ZC003';
+    END IF;
+    RETURN coalesce((SELECT range_agg(s) FROM unnest(v_spans) s), '{}');
 END
 $$;
 COMMENT ON FUNCTION _spans_of(text) IS
@@ -356,7 +364,7 @@ BEGIN
                      WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)) p
         -- Expanded until an instant: without it.
         WHERE p.schedule IS NOT NULL OR lower(p.span) < lower(v_expanded) OR upper(p.span) >= upper(v_expanded)
-              OR lower(p.span) >= upper(v_expanded));
+              OR lower(p.span) >= upper(v_expanded) OR upper(p.span) <= lower(v_expanded));
 END
 $$;
 COMMENT ON FUNCTION _need_schedules(bigint, text[]) IS

@@ -232,6 +232,7 @@ BEGIN
             FROM (SELECT g.closed_span * tstzrange(lower(a.active_span), upper(a.active_span), '[]') AS shared,
                          v_scene.method = 'exact' AND v_scene.within_s = 0 AND n.kind = 0
                          AND num_nonnulls(a.activations, a.schedule) = 0
+                         AND NOT EXISTS (SELECT FROM area m WHERE m.area_id = n.id AND m.activations IS NOT NULL)
                          AND (v_scene.is_closed OR g.span && a.active_span)
                          AND NOT _are_above(g.floor_m, a.ceiling_m, 0, v_scene.is_closed)
                          AND NOT _are_above(a.floor_m, g.ceiling_m, 0, v_scene.is_closed) AS may_decide,
@@ -314,6 +315,8 @@ LANGUAGE plpgsql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FR
 DECLARE
     c_tolerances CONSTANT text[] := ARRAY['xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn',
                                           'turn_radius_m', 'departure_window', 'arrival_window'];
+    -- Texts that have a meaning in ranges only; workers refuse them.
+    c_of_ranges CONSTANT text := '^$|infinity|["(),[\]]';
     c_of_both CONSTANT jsonb := '{"kind": "string", "name": "string", "class": "string", "owner": "string",
                                   "floor_m": "number", "ceiling_m": "number"}';
     c_of_areas CONSTANT jsonb := c_of_both || '{"start": "string", "end": "string", "spans": "array"}';
@@ -355,13 +358,18 @@ BEGIN
     IF v_is_area THEN
         IF v_known ? 'spans' THEN
             IF v_known ?| ARRAY['start', 'end'] OR jsonb_path_exists(v_known, 'strict $.spans[*] ? (@.type() <> "array"
-                    || @.size() <> 2 || exists (@[*] ? (@.type() <> "string" && @.type() <> "null")))') THEN
+                    || @.size() <> 2 || exists (@[*] ? (@.type() <> "string" && @.type() <> "null")))')
+               OR EXISTS (SELECT FROM jsonb_path_query(v_known, '$.spans[*][*]') e
+                          WHERE e #>> '{}' ~ c_of_ranges) THEN
                 RETURN NULL;
             END IF;
             v_plan := v_plan || jsonb_build_object('activations', (
                 SELECT '{' || coalesce(string_agg(format('[%s,%s)', s ->> 0, s ->> 1), ',' ORDER BY n), '') || '}'
                 FROM jsonb_array_elements(v_known -> 'spans') WITH ORDINALITY u (s, n)));
         ELSIF v_known ?| ARRAY['start', 'end'] THEN
+            IF v_known ->> 'start' ~ c_of_ranges OR v_known ->> 'end' ~ c_of_ranges THEN
+                RETURN NULL;
+            END IF;
             v_plan := v_plan || jsonb_build_object('active_span',
                                                    format('[%s,%s)', v_known ->> 'start', v_known ->> 'end'));
         END IF;

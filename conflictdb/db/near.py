@@ -42,8 +42,20 @@ def expanded_for(conn: psycopg.Connection[Any], scene_id: int, settings: Scene, 
     return horizon(settings, known.voyages, span, known=known.window)
 
 
-def beyond(state: SceneState, window: Window) -> SceneState:
-    """Return the state of a scene for plans that touch only times beyond the window of schedules."""
+def state_for(
+    conn: psycopg.Connection[Any], settings: Scene, scene_id: int, plans: Sequence[Area | Track]
+) -> tuple[SceneState, Window | None]:
+    """Return the state of a scene for plans, and the window of its schedules; None: it has none.
+
+    It is not current if a plan touches only times beyond the window.
+    """
+    state, window = store.scene_state(conn, settings.name), store.stored_window(conn, scene_id)
+    if window is not None and any(is_beyond(touched([plan], settings), window) for plan in plans):
+        state = _beyond(state, window)
+    return state, window
+
+
+def _beyond(state: SceneState, window: Window) -> SceneState:
     remark = "; ".join(filter(None, (state.remark, _expanded_text(window))))
     return replace(state, is_current=False, remark=remark, is_beyond_horizon=True)
 

@@ -20,7 +20,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
 from conflictdb.db.admission import admit
-from conflictdb.db.near import beyond, members_near, world_of
+from conflictdb.db.near import members_near, state_for, world_of
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
 from conflictdb.errors import InvalidInput, LockTimeout
@@ -33,7 +33,7 @@ from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.to_results import to_results
-from conflictdb.stages.world import World, is_beyond, is_within, occupy
+from conflictdb.stages.world import World, is_within, occupy
 
 _log = logging.getLogger(__name__)
 
@@ -76,10 +76,8 @@ def _found(
     """Return the conflicts of plans, on the snapshot of the open transaction."""
     number = store.scene_id(conn, scene)
     settings = store.read_settings(conn, number)
-    state, window = store.scene_state(conn, scene), store.stored_window(conn, number)
+    state, window = state_for(conn, settings, number, plans)
     world, span = world_of(conn, number, settings, plans)
-    if window is not None and is_beyond(span, window):
-        state = beyond(state, window)
     if len(plans) == 1 and state.is_current and is_within(span, window):
         found = _probed_alone(conn, number, world, plans[0], jobs, memory)
     else:
@@ -100,13 +98,17 @@ def ask(
     store.require_idle(conn, "a question to a worker")
     until_s = time.monotonic() + timeout.total_seconds()
     with store.transaction(conn):
-        settings = store.read_settings(conn, store.scene_id(conn, scene))
-        state = store.scene_state(conn, scene)
+        scene_id = store.scene_id(conn, scene)
+        settings = store.read_settings(conn, scene_id)
+        state, _ = state_for(conn, settings, scene_id, plans)
     check_datums(settings, plans)
     check_legs(LINES[settings.motion], [one for one in plans if isinstance(one, Track)])
     number = store.request_probe(conn, scene, plans_text(plans))
     left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
-    return Listing(state, store.wait_for_probe(conn, settings, plans, number, left), Conflict)
+    found, was_current = store.wait_for_probe(conn, settings, plans, number, left)
+    if state.is_current and not was_current:
+        state = replace(state, is_current=False, remark="it changed before a worker answered")
+    return Listing(state, found, Conflict)
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:
@@ -159,7 +161,7 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
     """Answer a request, in the open transaction."""
     options = request.options
     if request.kind == "delays":
-        now = certain(options["now_us"])
+        now = certain(options.get("now_us"))
         (of_track,) = delays(conn, request.scene, options["key"], options["horizon_s"], now)
         store.answer_delays(conn, request.probe_id, of_track)
         return
@@ -171,9 +173,9 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
             conn,
             request.scene,
             plans,
-            options["owner"],
-            allow_known=options["allow_known"],
-            replace=options["replace"],
+            options.get("owner"),
+            allow_known=bool(options.get("allow_known")),
+            replace=options.get("replace") or (),
             lock_timeout_s=_WAITS_FOR_ADMISSION_S,
         )
         store.answer_admission(conn, request.probe_id, admission)

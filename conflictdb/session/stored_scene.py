@@ -352,14 +352,12 @@ class StoredScene:
         jobs : int
             Threads to solve in. Does not change the answer.
         worker_timeout_s : float, optional
-            Ask the workers, and wait at most this long, seconds; by default this process computes the answer. Answers
-            of workers lack the closest points.
+            Ask the workers, and wait at most this long, seconds; by default this process computes the answer.
 
         Raises
         ------
         InvalidInput
-            The scene does not exist, or its plane cannot contain the plan; or the plan cannot be sent to workers: a
-            track whose haven changes its shape, or with heights per leg.
+            The scene does not exist, or its plane cannot contain the plan.
         NotCurrent
             No worker answered in time.
         StoreError

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "187a094ec49a492d9d76c857bded8a017c16b31fe5f85d4a5584de23f73c6e0f"
+routines_sha256 = "644bb528813a8703922c3eaff59165e38160399e7523e9effefd5c6e34732140"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -240,6 +240,48 @@ def test_members_that_only_workers_read_are_admitted_by_one(dsn: str, db: Databa
     assert keys(city) == ["a", "b", "c"]
 
 
+def test_an_area_meets_nobody_between_its_spans(dsn: str, db: Database, city: StoredScene) -> None:
+    conn = db.connection
+    city.put(square("a", 0.0, (2.0, 3.0)))
+    city.detect()
+    for key, hours, free in (("b", ((0.0, 1.0), (5.0, 6.0)), True), ("c", ((6.5, 7.0), (2.5, 4.0)), False)):
+        spans: Any = [tuple(T0_US + round(h * HOUR_US) for h in one) for one in hours]
+        plan = replace(square(key, 0.0), start_us=None, end_us=None, spans_us=spans)
+        with conn.transaction(force_rollback=True):
+            assert bool(city.admit(plan)) is free
+        admitted, conflicts, request = asked(conn, plan)
+        conn.commit()
+        if request is not None:
+            admitted, conflicts = answered(dsn, request, conn)
+        assert (admitted, pairs(conflicts)) == (free, [] if free else [("a", "c")])
+
+
+@pytest.mark.parametrize(
+    ("times", "rule"),
+    [
+        ({"start": "", "end": "2030-01-01T00:00Z"}, "start: must be a date and time"),
+        ({"start": "-infinity"}, "start: must be a date and time"),
+        ({"end": '"2030-01-01T00:00Z"'}, "end: must be a date and time"),
+        ({"spans": [["2030-01-01T00:00Z,2030-01-02T00:00Z),[2030-01-03T00:00Z", "2030-01-04T00:00Z"]]}, "spans"),
+        ({"spans": [["2030-01-01T00:00Z", "2030-01-01T00:00Z"], [None, "2029-01-01T00:00Z"]]}, "end after it starts"),
+    ],
+)
+def test_times_of_features_are_instants(dsn: str, db: Database, city: StoredScene, times: Any, rule: str) -> None:
+    """None is read as no limit, or lost, that a scene file refuses."""
+    feature = as_feature(square("a", 0.0))
+    feature["properties"] = times
+
+    def admit() -> Any:
+        _, _, request = asked(db.connection, feature, form=lambda one: one)  # type: ignore[arg-type]
+        return answered(dsn, request, db.connection)
+
+    with pytest.raises(psycopg.Error, match=rule) as caught:
+        admit()
+    assert caught.value.sqlstate == "ZC016"
+    db.connection.rollback()
+    assert keys(city) == []
+
+
 def limit(plan: Area | Track) -> dict[str, Any]:
     return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
 

@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
@@ -282,6 +283,39 @@ def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) ->
             db.scene("s").probe(crossing, worker_timeout_s=0.05)
         with db.connection.transaction(), pytest.raises(StoreError, match="without an open transaction"):
             db.scene("s").probe(crossing, worker_timeout_s=1.0)
+
+
+def test_a_scene_that_changes_before_a_worker_answers_is_not_current(conn: Conn, dsn: str) -> None:
+    load(conn, Scene("s"), [box("A", 0.0, 0.0, 1.0, 1.0)], [])
+    detect.detect(conn, "s", jobs=1)
+
+    def change_and_answer() -> None:
+        with connect(dsn) as other, store.connect(dsn) as worker:
+            while not worker.execute("SELECT FROM conflictdb.probe_request").fetchall():
+                worker.rollback()
+                time.sleep(0.01)
+            worker.rollback()
+            other.scene("s").put(box("B", 0.0, 0.0, 1.0, 1.0))
+            probes.answer(worker)
+
+    thread = threading.Thread(target=change_and_answer)
+    thread.start()
+    with connect(dsn) as db, pytest.warns(IncompleteWarning, match="changed before a worker answered"):
+        found = db.scene("s").probe(box("P", 0.5, 0.5, 2.0, 2.0), worker_timeout_s=60.0)
+    thread.join()
+    assert [one.a_key for one in found] == ["A", "B"]
+
+
+@pytest.mark.parametrize("options", ["{}", '{"owner": null, "allow_known": null, "replace": null}'])
+def test_options_of_an_admission_may_be_left_out(conn: Conn, options: str) -> None:
+    load(conn, Scene("s"), [], [])
+    add = f"""INSERT INTO conflictdb.probe_request (scene_id, kind, plans, options)
+              SELECT s.scene_id, 'admit', '[{A_FEATURE}]', %s FROM conflictdb.scene s RETURNING probe_id"""
+    probe_id = ask(conn, add, options)
+    probes.answer(conn)
+    answer = "SELECT admitted FROM conflictdb.wait_for_admission(%s)"
+    assert conn.execute(answer.encode(), [probe_id]).fetchone() == (True,)
+    assert refused(conn, add, '{"replace": "T"}') == "ZC016"
 
 
 def test_what_can_be_no_plan_is_refused_at_once(conn: Conn) -> None:

@@ -154,6 +154,20 @@ def test_plans_without_an_end_are_known_until_the_horizon(db: Database) -> None:
     assert scene.probe(replace(plan, start_us=None)).is_current
 
 
+@pytest.mark.usefixtures("answering")
+def test_one_plan_without_an_end_among_others_is_known_until_the_horizon(db: Database) -> None:
+    """Whatever the others touch, and whoever answers."""
+    scene = stored(db, [AREA])
+    plan, far = Area("P", BOX, start_us=np.datetime64(START_US, "us")), shapely.box(50.0, 10.0, 51.0, 11.0)
+    now = np.datetime64(datetime.now(UTC).replace(tzinfo=None), "us")
+    for other in (Area("N", far, start_us=now, end_us=now + np.timedelta64(1, "D")), Area("N", far, schedule=DAILY)):
+        for wait in ({}, {"worker_timeout_s": 30.0}):
+            for plans in ([plan], [plan, other]):
+                with pytest.warns(IncompleteWarning, match="schedules are expanded from"):
+                    assert not scene.probe(plans, **wait).is_current
+            assert scene.probe(other, **wait).is_current
+
+
 def admitted(db: Database, plan: Area | Track) -> tuple[bool | None, Any]:
     with worker_connected(db.connection.info.dsn):
         is_admitted, conflicts, request = asked(db.connection, plan, scene="s")
@@ -169,6 +183,11 @@ def admitted(db: Database, plan: Area | Track) -> tuple[bool | None, Any]:
 @pytest.mark.usefixtures("answering")
 def test_admission_in_sql_looks_as_far_as_its_plan(db: Database) -> None:
     scene = stored(db, [AREA])
+    ends: Any
+    for ends in ({"start_us": np.datetime64(START_US, "us")}, {"end_us": np.datetime64("2020-01-01", "us")}):
+        with pytest.raises(psycopg.Error, match="is not known to be free"):
+            admitted(db, Area("E", BOX, **ends))
+        db.connection.rollback()
     assert admitted(db, voyage(start_us=START_US + HOUR_US)) == (False, ["S"])
     assert admitted(db, voyage(start_us=START_US - 13 * HOUR_US)) == (True, [])
     span: Any = [np.datetime64(START_US + after, "us") for after in (HOUR_US, 2 * HOUR_US)]

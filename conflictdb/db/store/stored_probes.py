@@ -104,12 +104,13 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plans: str) -> int:
 
 def wait_for_probe(
     conn: psycopg.Connection[Any], scene: Scene, plans: Sequence[Area | Track], probe_id: int, timeout: timedelta
-) -> list[Conflict]:
-    """Wait for the answer to a question about plans; return their conflicts, by key.
+) -> tuple[list[Conflict], bool]:
+    """Wait for the answer to a question about plans; return their conflicts, by key, and whether the scene was current.
 
     Raises NotCurrent on timeout, InvalidInput if a plan is invalid.
     """
     with transaction(conn):
+        (is_current,) = call(conn, "_await_answer", probe_id, timeout, "probe")
         rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
     kinds = {one.key: Kind.AREA if isinstance(one, Area) else Kind.TRACK for one in plans}
     names = {one.key: one.name for one in plans}
@@ -131,7 +132,8 @@ def wait_for_probe(
                 **fields_of(row),
             )
         )
-    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
+    answer.sort(key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
+    return answer, bool(is_current)
 
 
 def answer_probe(
