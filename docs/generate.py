@@ -526,7 +526,9 @@ def paths() -> str:
             [
                 PATHS.rstrip(),
                 "## Refusals",
-                table(["path", "feature", "message", "reason"], path_limits.PATH_LIMITS),
+                table(["path", "feature", "message", "reason"], path_limits.PATH_LIMITS)
+                if path_limits.PATH_LIMITS
+                else "None: every path answers with every feature.",
                 "## Comparisons",
                 "A comparison is that of one pair, or of one claim.",
                 table(["", "path", "scenes", "comparisons", "failures", "refused scenes"], totals),

@@ -276,7 +276,7 @@ def _speeds(
     scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Iterable[str], limits: ProposalLimits
 ) -> dict[str, float]:
     """Return the speeds, nearest to the planned one, that clear tracks without a clearing delay, one after another."""
-    if limits.slowest == limits.fastest == 1.0 or scene.longest_time_us > 0:
+    if limits.slowest == limits.fastest == 1.0:
         return {}
     now, found = dict(changed), {}
     for key in keys:

@@ -214,8 +214,8 @@ def speeds(
     `1 / factor` times as long, and its haven is as large at each waypoint as planned. Everything else stays as planned,
     and the method is `exact`. Free speeds are free also if the instants of waypoints are rounded to microseconds.
 
-    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg, and for a
-    scene with a separation in time.
+    With a separation in time, nothing is proven about pairs of tracks of which one climbs, unless their heights always
+    overlap. Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg.
 
     Parameters
     ----------
@@ -245,7 +245,6 @@ def speeds_over(
     slowest, fastest = limits(slowest, fastest)
     setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest), window)
     scene = setup.scene
-    _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
@@ -266,13 +265,6 @@ def speeds_over(
         stage_of_speeds.speeds_of(keys[number], leg, keys, found.get(number, nothing), slowest, fastest)
         for number in asked.tolist()
     ]
-
-
-def _require_one_time(what: str, scene: Scene) -> None:
-    """Raise InvalidInput for a scene with a separation in time."""
-    if scene.longest_time_us:
-        rule = "must be 0: speeds are not computed with a separation in time; delays are"
-        raise InvalidInput(what, "time_separation_s", f"{rule}; got {scene.longest_time_us / 1e6:g}")
 
 
 def limits(slowest: Any, fastest: Any) -> tuple[float, float]:
@@ -375,7 +367,9 @@ def chances(
     tail = sum(one.tail for some in known.values() for one in some.values())
     placed = AnyTime.of(pieces)
     if known["speeds"]:
-        _require_one_time("chances", scene)
+        if scene.longest_time_us:
+            rule = "must be 0: uncertain speeds are not computed with a separation in time; departures are"
+            raise InvalidInput("chances", "time_separation_s", f"{rule}; got {scene.longest_time_us / 1e6:g}")
         require_one_voyage("chances", "speeds", [track for track in plans if track.key in (speeds or {})])
         for track in plans:
             if track.key in (speeds or {}):

@@ -21,13 +21,4 @@ class PathLimit(NamedTuple):
     reason: str
 
 
-_ONE_SPEED: Final = "has a meaning without tolerances only"
-_ONE_TIME: Final = "speeds are not computed with a separation in time"
-_WHY_ONE_TIME: Final = "The time between two uses of a place changes with both speeds; delays take it into account."
-
-PATH_LIMITS: Final = (
-    PathLimit("speeds", "separation in time", _ONE_TIME, _WHY_ONE_TIME),
-    PathLimit("speeds", "separation in time by class", _ONE_TIME, _WHY_ONE_TIME),
-    PathLimit("speeds of a stored scene", "separation in time", _ONE_TIME, _WHY_ONE_TIME),
-    PathLimit("speeds of a stored scene", "separation in time by class", _ONE_TIME, _WHY_ONE_TIME),
-)
+PATH_LIMITS: Final[tuple[PathLimit, ...]] = ()

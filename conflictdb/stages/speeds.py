@@ -1,9 +1,11 @@
 """At which speeds a track, or one of its legs, is in conflict: factors of time, from the kernel.
 
 A track at f times its planned speed takes k = 1 / f as long: what it does at u, seconds after its departure, it does
-at k u. It meets an object that is at the same place at v if and only if k = v / u. If one leg alone has another speed,
-that holds on this leg, since its beginning; what comes before it stays as planned, and what comes after is (k - 1) L
-later, L being the duration of the leg. Outer intervals contain all forbidden speeds; inner ones contain no others.
+at k u. It meets an object that is at the same place at v if and only if k = v / u; with a separation in time, T, if k u
+and v are at most T apart (`factors_within`). If one leg alone has another speed, that holds on this leg, since its
+beginning; what comes before it stays as planned, and what comes after is (k - 1) L later, L being the duration of the
+leg. Outer intervals contain all forbidden speeds; inner ones contain no others. With a separation in time nothing is
+proven about two tracks of which one climbs, unless their heights always overlap.
 """
 
 from typing import Final
@@ -22,6 +24,7 @@ from conflictdb.stages import delays
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.delays import Differences, Spans
+from conflictdb.stages.factors_within import factors_within
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]
@@ -60,6 +63,7 @@ def speeds_of_tracks(
     least, most = 1.0 / fastest, 1.0 / slowest
     lasts_us = end_us - begin_us
     horizon_us = np.ceil(max(1.0 - least, most - 1.0) * lasts_us + _ROUNDED_US).astype(np.int64)
+    within_us = setup.scene.time_separation_us
     mine = np.flatnonzero(np.isin(number, tracks) & (pieces.part != COVER))
     of = np.searchsorted(tracks, number[mine])
     is_before, is_after = pieces.end_us[mine] <= begin_us[of], pieces.start_us[mine] >= end_us[of]
@@ -68,9 +72,9 @@ def speeds_of_tracks(
     earliest_us = zero_us + np.floor(least * (pieces.start_us[leg] - zero_us) - _ROUNDED_US).astype(np.int64)
     latest_us = zero_us + np.ceil(most * (pieces.end_us[leg] - zero_us) + _ROUNDED_US).astype(np.int64)
     pairs = [
-        placed.pairs_within(mine[is_before], 0),
-        placed.pairs(leg, earliest_us, latest_us),
-        placed.pairs_within(mine[is_after], horizon_us[of[is_after]]),
+        placed.pairs_within(mine[is_before], within_us),
+        placed.pairs(leg, earliest_us - within_us, latest_us + within_us),
+        placed.pairs_within(mine[is_after], horizon_us[of[is_after]] + within_us),
     ]
     a, b = (np.concatenate(both) for both in zip(*pairs, strict=True))
     prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
@@ -81,7 +85,7 @@ def speeds_of_tracks(
     zero_us = begin_us[np.searchsorted(tracks, number[pairs[1][0]])]
     return Differences.concatenate(
         [
-            delays.of_covers(placed, tracks, horizon_us),
+            delays.of_covers(placed, tracks, horizon_us + within_us),
             delays.as_planned(planned),
             *(
                 _of_stretched(
@@ -149,7 +153,7 @@ def _of_stretched(
     """
     pieces, reach_m = prepared.pieces, scene.separation_m + scene.tolerance_m
     still, covered = pieces.kind[b] == Kind.AREA.code, is_covered(pieces, a, b)
-    nothing = np.zeros(len(a))
+    nothing, within_s = np.zeros(len(a)), scene.time_separation_us / 1e6
     a_start_s, a_end_s = (pieces.start_us[a] - zero_us) / 1e6, (pieces.end_us[a] - zero_us) / 1e6
     b_start_s, b_end_s = _since(pieces.start_us[b], zero_us), _since(pieces.end_us[b], zero_us)
     parts = []
@@ -163,14 +167,19 @@ def _of_stretched(
     asked = np.full(len(rows), least), np.full(len(rows), most)
     shifts = Shifts(a[rows], b[rows], zero_us[rows], zero_us[rows], *times, *asked, is_factor=True)
     left, shifts, doubt_s = with_heights(pieces, shifts)
-    row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
-    # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
-    doubt = found["inner_high"] * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
-    doubt = np.where(doubt_s[row] > 0.0, doubt, 0.0)
-    found["inner_low"] += doubt
-    found["inner_high"] -= doubt
-    rows = rows[left]
-    put(rows[row], found["outer_low"], found["outer_high"], found["inner_low"], found["inner_high"])
+    if scene.time_separation_us:
+        row, *factors = factors_within(
+            prepared, shifts, doubt_s, least, most, reach_m, scene.time_separation_us, threads
+        )
+        put(rows[left[row]], *factors)
+    else:
+        row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+        # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
+        doubt = found["inner_high"] * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
+        doubt = np.where(doubt_s[row] > 0.0, doubt, 0.0)
+        found["inner_low"] += doubt
+        found["inner_high"] -= doubt
+        put(rows[left[row]], found["outer_low"], found["outer_high"], found["inner_low"], found["inner_high"])
     # An area: a is in contact with it during some of its own seconds, at any speed.
     rows = np.flatnonzero(~covered & still)
     ever = np.full(len(rows), np.inf)
@@ -185,12 +194,13 @@ def _of_stretched(
     rows = rows[left]
     rows, is_known = rows[row], found["inner_low"] <= found["inner_high"]
     pad_s = _ROUNDED_US / 1e6
-    low, high = _factors(-found["outer_high"], -found["outer_low"], b_start_s[rows], b_end_s[rows], pad_s)
-    inner_low, inner_high = _factors(-found["inner_high"], -found["inner_low"], b_start_s[rows], b_end_s[rows], 0.0)
+    first_s, last_s = b_start_s - within_s, b_end_s + within_s
+    low, high = _factors(-found["outer_high"], -found["outer_low"], first_s[rows], last_s[rows], pad_s)
+    inner_low, inner_high = _factors(-found["inner_high"], -found["inner_low"], first_s[rows], last_s[rows], 0.0)
     put(rows, low, high, np.where(is_known, inner_low, np.inf), np.where(is_known, inner_high, -np.inf))
     # Of covers only the times are known.
     rows = np.flatnonzero(covered)
-    low, high = _factors(a_start_s[rows], a_end_s[rows], b_start_s[rows], b_end_s[rows], pad_s)
+    low, high = _factors(a_start_s[rows], a_end_s[rows], first_s[rows], last_s[rows], pad_s)
     put(rows, low, high, np.full(len(rows), np.inf), np.full(len(rows), -np.inf))
     return Differences.concatenate(parts)
 

@@ -19,10 +19,11 @@ from conflictdb.model.path_limits import PATH_LIMITS
 # Each cell has this many scenes at least, of this many seeds.
 LEAST: Final = 1
 SEEDS: Final = range(4 * len(FEATURES))
-# No path may refuse these features; separation in time is refused by speeds alone.
+# No path may refuse these features.
 NEVER_REFUSED: Final = (
     *("schedules of areas", "schedules of tracks", "departures", "heights", "heights of legs", "climbs", "owners"),
     *("separation by class", "allowed pairs", "vertical separation by class", "separation", "vertical separation"),
+    *("separation in time", "separation in time by class"),
 )
 
 
@@ -72,7 +73,6 @@ def test_limits_are_few_and_of_known_cells() -> None:
         assert limit.path in PATHS, limit
         assert limit.feature in FEATURES, limit
         assert limit.feature not in NEVER_REFUSED, limit
-        assert not limit.feature.startswith("separation in time") or limit.path.startswith("speeds"), limit
         assert (limit.path, limit.feature) not in NOT_APPLICABLE
     assert all(path in PATHS and reason for (path, _), reason in NOT_APPLICABLE.items())
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 from draws import draws
-from shifting import shifted, waiting, with_outlines
+from shifting import shifted, stretched, waiting, with_outlines
 from workloads import GROWING, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import (
@@ -20,6 +20,7 @@ from conflictdb import (
     Method,
     Motion,
     Scene,
+    Speeds,
     Track,
     delays,
     rectangle_outline_m,
@@ -31,6 +32,7 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
+from conflictdb.model.rules import Rule
 from conflictdb.stages import run
 from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ends_of
@@ -569,9 +571,109 @@ def test_advice_counts_what_comes_within_that_time() -> None:
     assert late.pairs > at_once.pairs
 
 
-def test_speeds_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="speeds: time_separation_s: must be 0"):
-        speeds([EAST], [], replace(SCENE, time_separation_s=1.0))
+def factors_of(*objects: Track | Area, time_s: float, leg: int | None = None, most: float = 2.0) -> Speeds:
+    tracks, areas = ([one for one in objects if isinstance(one, kind)] for kind in (Track, Area))
+    [found] = speeds(tracks, areas, replace(SCENE, time_separation_s=time_s), "east", 1.0 / most, most, leg=leg)
+    return found
+
+
+def ends_of_speeds(found: Speeds) -> list[tuple[float, float]]:
+    return [(one.from_factor, one.to_factor) for one in found.forbidden]
+
+
+def about(low: float, high: float) -> list[tuple[object, object]]:
+    return [(pytest.approx(low, abs=2e-9), pytest.approx(high, abs=2e-9))]
+
+
+def test_speeds_at_a_crossing() -> None:
+    """The extreme factors are those of the corners of the contact set, with the other earlier and later."""
+    first_s, last_s = HALF_S - (1000 + 50) / SPEED_MPS, HALF_S + (500 + 50) / SPEED_MPS
+    other_s = HALF_S - (300 + 100) / SPEED_MPS, HALF_S + (200 + 100) / SPEED_MPS
+    for time_s in (1e-6, 1.0, 600.0, 3000.0):
+        found = factors_of(EAST, NORTH, time_s=time_s)
+        assert ends_of_speeds(found) == about(first_s / (other_s[1] + time_s), last_s / (other_s[0] - time_s))
+        assert found.forbidden[0].by == ("north",)
+        assert found.slower == pytest.approx(found.forbidden[0].from_factor, abs=2e-12)
+        assert found.forbidden[0].is_proven == (time_s >= 1.0)
+        if found.forbidden[0].is_proven:
+            assert max(found.forbidden[0].from_error, found.forbidden[0].to_error) < 5e-9
+    [always] = factors_of(EAST, NORTH, time_s=50_000.0).forbidden
+    assert (always.from_factor, always.to_factor, always.is_proven) == (0.5, 2.0, True)
+
+
+def test_the_nearest_free_speed_clears_in_time_and_one_that_is_a_little_nearer_does_not() -> None:
+    found = factors_of(EAST, NORTH, time_s=600.0)
+    assert found.slower is not None
+    assert found.faster is not None
+    for factor, nearer in ((found.slower, 1e-8), (found.faster, -1e-8)):
+        for shift, meets in ((0.0, False), (nearer, True)):
+            assert bool(rows(stretched(EAST, factor + shift), NORTH, time_s=600.0)) == meets
+
+
+def test_speeds_of_a_leg_and_of_an_area_with_times() -> None:
+    times_us = T0_US + np.rint(1e6 * HALF_S * np.array([0.0, 0.5, 2.0])).astype(np.int64)
+    way = replace(EAST, positions_deg=[(0.0, 0.0), (0.25, 0.0), (1.0, 0.0)], times_us=times_us)
+    leg_s, earlier_s, later_s = 0.5 * HALF_S, (500 + 50 + 300 + 100) / SPEED_MPS, (1000 + 50 + 200 + 100) / SPEED_MPS
+    assert ends_of_speeds(factors_of(way, NORTH, time_s=600.0, leg=1)) == about(
+        leg_s / (leg_s + later_s + 600.0), leg_s / (leg_s - earlier_s - 600.0)
+    )
+    by = later(replace(NORTH, key="by", positions_deg=NORTH.positions_deg - [0.4, 0.0]), 500.0 - 0.8 * HALF_S)
+    assert ends_of_speeds(factors_of(way, by, time_s=60.0, leg=2)) == []
+    assert ends_of_speeds(factors_of(way, by, time_s=600.0, leg=2)) == [(0.5, 2.0)]
+    first_s = (RADIUS_M * np.radians(0.4) - 1000) / SPEED_MPS
+    last_s = (RADIUS_M * np.radians(0.6) + 500) / SPEED_MPS
+    for time_s in (1.0, 300.0):
+        assert ends_of_speeds(factors_of(EAST, area("closed", 8000, 9000), time_s=time_s)) == about(
+            first_s / (9000 + time_s), min(last_s / (8000 - time_s), 2.0)
+        )
+
+
+def test_speeds_near_the_departure() -> None:
+    """What passes the place of departure half an hour before it forbids each speed, if it is that near in time."""
+    before = later(replace(NORTH, key="by", positions_deg=NORTH.positions_deg - [0.5, 0.0]), -HALF_S - 1800.0)
+    assert ends_of_speeds(factors_of(EAST, before, time_s=1000.0)) == []
+    assert ends_of_speeds(factors_of(EAST, before, time_s=2000.0, most=50.0)) == [(0.02, 50.0)]
+
+
+def test_a_proposal_of_a_speed_keeps_the_separation_in_time() -> None:
+    scene = replace(SCENE, time_separation_s=600.0)
+    found = resolve([EAST, NORTH], [], scene, keys=["east"], within_s=0.0, slowest=0.5, fastest=2.0)
+    assert [(move.key, move.speed != 1.0) for move in found.moves] == [("east", True)]
+    advised = factors_of(EAST, NORTH, time_s=600.0)
+    assert found.moves[0].speed in (advised.slower, advised.faster)
+    assert rows(stretched(EAST, found.moves[0].speed), NORTH, time_s=600.0) == []
+
+
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
+def test_speeds_are_forbidden_that_bring_a_use_within_the_time_of_the_pair(workload: Workload) -> None:
+    """The copies of a track have one owner, so that one `solve` compares each with all others."""
+    scene, areas, tracks = throw(workload, 5, 4, 10, tolerance_m=0.0)
+    classes = ["one", "two"]
+    tracks = [replace(one, object_class=classes[n % 2]) for n, one in enumerate(tracks)]
+    rules = (Rule("one", "two", time_s=900.0), Rule("two", "area", time_s=60.0))
+    scene, rng, count = replace(scene, time_separation_s=120.0, rules=rules), np.random.default_rng(5), 0
+    for one in tracks[:4]:
+        [found] = speeds(tracks, areas, scene, one.key, 0.6, 1.8)
+        ends = [end for some in found.forbidden for end in (some.from_factor, some.to_factor)]
+        factors = np.concatenate([rng.uniform(0.6, 1.8, 6), *([end - 1e-6, end + 1e-6] for end in ends)])
+        factors = np.append(factors, [free for free in (found.slower, found.faster) if free is not None])
+        factors = factors[(factors >= 0.6) & (factors <= 1.8)]
+        copies = [
+            replace(stretched(one, factor), key=f"copy {n}", owner="copies")
+            for n, factor in enumerate(factors.tolist())
+        ]
+        rest = [other for other in tracks if other.key != one.key]
+        met = {key for row in solve([*rest, *copies], areas, scene) for key in (row.a_key, row.b_key)}
+        for n, factor in enumerate(factors.tolist()):
+            is_met, case = f"copy {n}" in met, (one.key, factor, found.forbidden)
+            by = [some for some in found.forbidden if some.from_factor <= factor <= some.to_factor]
+            assert by or not is_met, case
+            for some in by:
+                inside = some.from_error + 1e-7 <= factor - some.from_factor
+                inside &= some.to_error + 1e-7 <= some.to_factor - factor
+                assert is_met or not (some.is_proven and inside), case
+            count += 1
+    assert count > 12
 
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, OCEAN], ids=lambda one: one.name)
