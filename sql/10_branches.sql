@@ -88,12 +88,17 @@ BEGIN
     END IF;
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
     RETURN true;
-EXCEPTION WHEN lock_not_available OR serialization_failure THEN
+EXCEPTION WHEN OTHERS THEN
+    -- Settings that do not fit its own objects (class ZC) stop its detection, not its parent.
+    IF SQLSTATE NOT IN ('55P03', '40001') AND SQLSTATE !~ '^ZC' THEN
+        RAISE;
+    END IF;
     RETURN false;
 END
 $$;
 COMMENT ON FUNCTION _at_once(bigint, boolean) IS
-'Removes a branch, or lets it follow its parent; does nothing and returns false if another session has locked it.';
+'Removes a branch, or lets it follow its parent; does nothing and returns false if another session has locked it, or '
+'if it cannot have the settings of its parent.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._settle_branches(p_parent_id bigint, p_is_removal boolean) RETURNS void
 LANGUAGE plpgsql VOLATILE STRICT SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$

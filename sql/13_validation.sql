@@ -616,8 +616,11 @@ ALTER TABLE area ENABLE ALWAYS TRIGGER area_before;
 ALTER TABLE track ENABLE ALWAYS TRIGGER track_before;
 
 -- Checked at the end of the transaction, or of _load and create_scene: objects may change together with the settings.
+-- Not of branches: their roles, who may only read the parent, would keep it from a change. A detection covers what does
+-- not fit, and no merge takes it over.
 DROP TRIGGER IF EXISTS scene_holds_objects ON scene;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON scene DEFERRABLE INITIALLY DEFERRED
     FOR EACH ROW
-    WHEN ((OLD.motion, OLD.centre_lon, OLD.centre_lat) IS DISTINCT FROM (NEW.motion, NEW.centre_lon, NEW.centre_lat))
+    WHEN (NEW.parent_scene_id IS NULL
+          AND (OLD.motion, OLD.centre_lon, OLD.centre_lat) IS DISTINCT FROM (NEW.motion, NEW.centre_lon, NEW.centre_lat))
     EXECUTE FUNCTION _scene_holds_objects();

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "644bb528813a8703922c3eaff59165e38160399e7523e9effefd5c6e34732140"
+routines_sha256 = "8b40e93a12d52d0f3e941d3b6de074d50b602b46b95b355bb72c92bdcab8de6f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -8,6 +8,7 @@ import pytest
 
 from conflictdb import connect
 from conflictdb.db import detect, store
+from conflictdb.errors import ConflictDBError
 
 Conn = psycopg.Connection[Any]
 
@@ -137,3 +138,40 @@ def test_a_branch_in_use_goes_with_its_parent(parent: Conn, other: Conn, lock: s
     store.drop_orphans(parent)
     for table in ("scene", "area", "change", "branch_edit", "object_key"):
         assert ask(parent, f"SELECT count(*) FROM conflictdb.{table}") == 0
+
+
+def test_no_object_of_a_branch_keeps_its_parent_from_another_plane(parent: Conn, other: Conn) -> None:
+    """Its role may be one that only reads the parent. Objects that do not fit are unresolved, and not merged."""
+    other.execute("SELECT conflictdb.create_branch('s', 'b')")
+    far = AREA.replace("0 0, 1 0, 1 1, 0 1, 0 0", "179 0, 179.9 0, 179.9 1, 179 0")
+    other.execute(f"SELECT conflictdb.put_area('b', 'far', {far})".encode())
+    other.commit()
+    plane = "p_motion => 'great_circle', p_centre_lon => 0, p_centre_lat => 0"
+    parent.execute(f"SELECT conflictdb.create_scene('s', {plane})".encode())
+    parent.commit()
+    for scene in "sb":
+        detect.detect_pending(parent, scene, jobs=1)
+    assert ask(parent, CURRENT) is True
+    verdicts = "SELECT DISTINCT verdict FROM conflictdb.conflicts WHERE scene = 'b' AND 'far' IN (a_key, b_key)"
+    assert ask(parent, verdicts) == "unresolved"
+    with pytest.raises(psycopg.Error, match="'far': footprint: reaches"):
+        other.execute("SELECT conflictdb.merge_branch('b')")
+
+
+def test_heights_in_a_branch_keep_no_parent_from_another_datum(parent: Conn, other: Conn) -> None:
+    """The branch alone stays behind, and its detection says why."""
+    other.execute("SELECT conflictdb.create_branch('s', 'b')")
+    other.execute(f"SELECT conflictdb.put_area('b', 'A', {AREA}, p_floor_m => 5)".encode())
+    other.commit()
+    parent.execute("SELECT conflictdb.create_scene('s', p_vertical_datum => 'wgs84')")
+    parent.commit()
+    assert ask(parent, CURRENT) is False
+    detect.detect_pending(parent, "s", jobs=1)
+    with pytest.raises(ConflictDBError, match="vertical_datum: must stay 'msl' while objects have heights"):
+        detect.detect_pending(parent, "b", jobs=1)
+    parent.rollback()
+    assert ask(parent, CURRENT) is False
+    other.execute("SELECT conflictdb.remove_object('b', 'A')")
+    other.commit()
+    detect.detect_pending(parent, "b", jobs=1)
+    assert ask(parent, CURRENT) is True
