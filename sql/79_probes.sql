@@ -356,7 +356,10 @@ DECLARE
     c_most_waiting CONSTANT integer := 1000;
     -- More than any plan within the limits has.
     c_most_bytes CONSTANT integer := 100000000;
+    -- A worker takes some 70 bytes for each, also where no limit of points counts them.
+    c_most_values CONSTANT integer := 8000000;
     v_plans jsonb;
+    v_values integer;
 BEGIN
     IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.answer) > 0 OR NEW.failures <> 0 THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
@@ -381,6 +384,13 @@ BEGIN
         IF octet_length(NEW.plans::text) > c_most_bytes THEN
             FOUND := _raise('ZC017', c_who, 'plans', format('must have at most %s bytes; got %s', c_most_bytes,
                             octet_length(NEW.plans::text)), 'size_within_limit', 'Ask in several requests.');
+        END IF;
+        IF octet_length(NEW.plans::text) > c_most_values THEN
+            v_values := octet_length(NEW.plans::text) - octet_length(translate(NEW.plans::text, ',[{', ''));
+            IF v_values > c_most_values THEN
+                FOUND := _raise('ZC017', c_who, 'plans', format('must have at most %s values and lists; got %s',
+                                c_most_values, v_values), 'size_within_limit', 'Ask in several requests.');
+            END IF;
         END IF;
         v_plans := _plans_given(NEW.plans::jsonb);
         -- As given: jsonb has no negative zero.

@@ -108,7 +108,8 @@ def _read(
     """Return the contents of a file; settings : of its objects if it has none."""
     size_mb = len(text) // 1_000_000
     document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
-    read_dialect = dialects.of_json(document)
+    # Requests carry properties of any source, which would name its format.
+    read_dialect = dialects.of_json(document) if settings is None else None
     if read_dialect is not None:
         return read_dialect(document, source, stem=stem, skip_invalid=skip_invalid)
     if not isinstance(document, dict):

@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8b40e93a12d52d0f3e941d3b6de074d50b602b46b95b355bb72c92bdcab8de6f"
+routines_sha256 = "68f46dff805660266800742b835507182fb36f66315798f51684d40dad47ce11"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

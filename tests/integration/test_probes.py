@@ -464,6 +464,14 @@ def test_a_row_that_a_reader_writes_stops_no_worker(
     assert conn.execute(left.encode()).fetchone() == (0,)
 
 
+def test_a_request_has_no_more_values_than_a_worker_can_hold(conn: Conn) -> None:
+    """Also where no limit of points counts them: a worker that runs out of memory would begin again, and again."""
+    load(conn, Scene("s"), [], [])
+    many = f"""('[{A_FEATURE[:-2]}, "x": [' || repeat('[],', 4000000) || '0]}}}}]')::json"""
+    statement = REQUEST.format(kind="'probe'", plans=many, column="is_current", value="NULL")
+    assert refused(conn, statement) == "ZC017"
+
+
 def test_a_request_that_always_fails_is_refused_after_three_attempts(
     conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

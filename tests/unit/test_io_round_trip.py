@@ -16,7 +16,7 @@ from conflictdb import formats
 from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import format_instant, parse_instant
-from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.formats.scene_file import plans_text, read_plans, read_scene, scene_text
 from conflictdb.model.plans import METRES_PER_NMI, Area, EarthModel, Scene, Track
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
@@ -148,3 +148,11 @@ def test_a_date_as_an_end_contains_its_day(tmp_path: Path) -> None:
 
 
 SQUARE = {"type": "Polygon", "coordinates": [[[4, 57], [5, 57], [5, 58], [4, 58], [4, 57]]]}
+
+
+def test_properties_that_name_another_format_change_no_plan_of_a_request() -> None:
+    """A zone from a feed keeps them: its key, owner, times and heights were lost on the way to a worker."""
+    feed = {"identifier": "Z1", "country": "DEU", "type": "PROHIBITED", "variant": "COMMON", "zoneAuthority": []}
+    zone = Area("P", [(0, 0), (1, 0), (1, 1)], None, 10**15, 10**15 + 10**9, 5.0, 10.0, feed, owner="me")
+    (read_back,) = read_plans(plans_text([zone]), Scene("s"))
+    assert_same(zone, read_back)
