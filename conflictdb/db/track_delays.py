@@ -126,7 +126,7 @@ def _around(
         return []
     number = store.scene_or_branch_id(conn, scene)
     settings = store.read_settings(conn, number)
-    wide = widened(settings, settings.separation_m + near_m) if near_m else settings
+    wide = widened(settings, settings.largest_separation_m + near_m) if near_m else settings
     pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of(tracks))
     latest_us = max(map(most_us, tracks))
     horizon_us = latest_us + settings.longest_time_us

@@ -24,7 +24,7 @@ from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import FirstStops, Leeway, delays_of, differences_of, waits_of
 from conflictdb.stages.funnel import Funnel
-from conflictdb.stages.margins import least_distances
+from conflictdb.stages.margins import least_margins
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.run import run_scene
@@ -139,7 +139,6 @@ def delays_over(
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
-        check_one_separation("delays", "clear_within_m", scene)
     # The answer is the one that a detection stores.
     stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
     solved_us = max(horizon_us, stored_us)
@@ -169,12 +168,6 @@ def delays_over(
     return _with_margins(answers, setup, pieces, batch, clear_within_m)
 
 
-def check_one_separation(who: str, what: str, scene: Scene | None) -> None:
-    """Raise InvalidInput for a scene with separation rules, which `what` does not know."""
-    if scene is not None and scene.rules:
-        raise InvalidInput(who, what, "is not computed with separation rules: remove them from a copy of the scene")
-
-
 def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
     """Return both in microseconds. Raises InvalidInput."""
     now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
@@ -184,15 +177,14 @@ def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, i
 def _with_margins(
     answers: list[Delays], setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float
 ) -> list[Delays]:
-    """Return the delays of tracks (n,) with the least distances by which they clear all other objects."""
+    """Return the delays of tracks (n,) with the least distances by which they exceed the required separations."""
     free = np.array([row for row, one in enumerate(answers) if one.clear_by_s != 0.0], np.int64)
-    limit_m = setup.scene.separation_m + within_m
-    distances_m = least_distances(setup, pieces, tracks.take(free), limit_m)
-    margins = dict(zip(free.tolist(), np.column_stack(distances_m).tolist(), strict=True))
+    margins_m = least_margins(setup, pieces, tracks.take(free), within_m)
+    margins = dict(zip(free.tolist(), np.column_stack(margins_m).tolist(), strict=True))
     rows = []
     for row, one in enumerate(answers):
-        distance_m, error_m = margins.get(row, (0.0, 0.0))
-        by_m = None if distance_m > limit_m else max(distance_m - setup.scene.separation_m, 0.0)
+        margin_m, error_m = margins.get(row, (0.0, 0.0))
+        by_m = None if margin_m > within_m else max(margin_m, 0.0)
         error = None if by_m is None or error_m == np.inf else error_m
         rows.append(replace(one, clear_within_m=within_m, clear_by_m=by_m, clear_error_m=error))
     return rows

@@ -1,4 +1,4 @@
-"""The least distances of tracks from everything else, as planned."""
+"""By how much tracks exceed the required separations from everything else, as planned."""
 
 from dataclasses import replace
 from typing import Final
@@ -18,6 +18,7 @@ from conflictdb.model.plans import MAX_DISTANCE_M, Scene
 from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import is_covered, pieces_of
+from conflictdb.stages.separations import Separations
 from conflictdb.stages.stage1_broad_phase import hulls_of, pairs_together
 from conflictdb.stages.stage4.closest_approach import Approaches, approaches
 
@@ -34,30 +35,33 @@ def widened(scene: Scene, within_m: float) -> Scene:
     return replace(scene, method=Method.EXACT, nearest_m=min(reach_m, MAX_DISTANCE_M))
 
 
-def least_distances(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
-    """Return how close tracks (n,) come to any other object that shares their time and heights, and the errors, metres.
+def least_margins(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
+    """Return by how much tracks (n,) exceed the required separation of each pair, and the errors, metres.
 
-    The true distance is within the error. Beyond `within_m` it is infinite; where it could not be computed it is 0, and
-    the error infinite.
+    Pairs share time and heights. The true margin is within the error. Beyond `within_m` it is infinite; where it could
+    not be computed, the error is infinite.
 
     setup : which the pieces were made with
     pieces : of all objects
     """
     tree, number = shapely.STRtree(hulls_of(pieces)), object_numbers(pieces)
-    mine = pieces_of(setup.under(widened(setup.scene, within_m)), AreaBatch.of([]), tracks)
+    largest_m = setup.scene.largest_separation_m + within_m
+    mine = pieces_of(setup.under(widened(setup.scene, largest_m)), AreaBatch.of([]), tracks)
     order = np.argsort(tracks.track_id)
     owner = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
+    separations = Separations.of(setup.scene)
     parts = [
-        _of_some(setup.plane, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
+        _of_some(setup.plane, separations, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
         for first in range(0, max(len(tracks), 1), _AT_ONCE)
         for rows in [np.flatnonzero((first <= owner) & (owner < first + _AT_ONCE))]
     ]
-    distance_m, error_m = (np.concatenate(some)[: len(tracks)] for some in zip(*parts, strict=True))
-    return distance_m, error_m
+    margin_m, error_m = (np.concatenate(some)[: len(tracks)] for some in zip(*parts, strict=True))
+    return margin_m, error_m
 
 
 def _of_some(
     plane: Plane,
+    separations: Separations,
     tree: shapely.STRtree,
     number: NDArray[np.int64],
     pieces: Pieces,
@@ -65,7 +69,7 @@ def _of_some(
     owner: NDArray[np.int64],
     within_m: float,
 ) -> tuple[Floats, Floats]:
-    """Return least distances of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
+    """Return least margins of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
     row, other = tree.query(hulls_of(mine))
     others = object_numbers(mine)[row] != number[other]
     others &= (mine.owner_number[row] != pieces.owner_number[other]) | (mine.owner_number[row] == 0)
@@ -73,12 +77,42 @@ def _of_some(
     a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]))
     near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
     a, b = PieceRows(a[near]), PieceRows(b[near])
-    covered = is_covered(both, a, b)
-    found = _closest(plane, both, PieceRows(a[~covered]), PieceRows(b[~covered]), owner[a[~covered]], within_m)
+    if (separations.of_types == 0).all():
+        return _of_pairs(plane, separations.settings[0], both, a, b, owner, within_m)
+    found = []
+    for settings in separations.settings:
+        few = np.flatnonzero(separations.have(settings, both, a, b))
+        own = separations.of_settings(settings, both)
+        one, other = PieceRows(a[few]), PieceRows(b[few])
+        keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
+        one, other = PieceRows(one[keep]), PieceRows(other[keep])
+        found.append(_of_pairs(plane, settings, own, one, other, owner, within_m))
+    margins_m, errors_m = (np.array(some) for some in zip(*found, strict=True))
+    least_m = margins_m.min(axis=0)
+    lowest_m, highest_m = (margins_m - errors_m).min(axis=0), (margins_m + errors_m).min(axis=0)
+    with np.errstate(invalid="ignore"):
+        error_m = np.maximum(least_m - lowest_m, highest_m - least_m)
+    return least_m, np.where(np.isinf(least_m), 0.0, error_m)
+
+
+def _of_pairs(
+    plane: Plane,
+    settings: Scene,
+    pieces: Pieces,
+    a: PieceRows,
+    b: PieceRows,
+    owner: NDArray[np.int64],
+    within_m: float,
+) -> tuple[Floats, Floats]:
+    """Return least margins of tracks in pairs of one required separation, and the errors."""
+    limit_m = settings.separation_m + within_m
+    covered = is_covered(pieces, a, b)
+    found = _closest(plane, pieces, PieceRows(a[~covered]), PieceRows(b[~covered]), owner[a[~covered]], limit_m)
     is_unknown = np.isnan(found.distance_m)
     is_unknown[owner[a[covered]]] = True
     distance_m = np.where(is_unknown, 0.0, found.distance_m)
-    return distance_m, np.where(is_unknown, np.inf, np.where(np.isinf(distance_m), 0.0, found.error_m))
+    error_m = np.where(is_unknown, np.inf, np.where(np.isinf(distance_m), 0.0, found.error_m))
+    return np.where(distance_m > limit_m, np.inf, distance_m - settings.separation_m), error_m
 
 
 def _closest(

@@ -174,9 +174,8 @@ def _of_stretched(
         put(rows[left[row]], *factors)
     else:
         row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
-        # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
-        doubt = found["inner_high"] * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
-        doubt = np.where(doubt_s[row] > 0.0, doubt, 0.0)
+        # Doubts of the ends of both times, as doubts of factors: a factor moves the times of a.
+        doubt = np.maximum(found["inner_high"], 1.0) * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
         found["inner_low"] += doubt
         found["inner_high"] -= doubt
         put(rows[left[row]], found["outer_low"], found["outer_high"], found["inner_low"], found["inner_high"])

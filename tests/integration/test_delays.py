@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import InvalidInput, connect, delays, speeds
+from conflictdb import InvalidInput, Scene, Track, connect, delays, speeds
 from conflictdb.db import store
+from conflictdb.model.rules import Rule
 
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR, GROWING_CIRCLES], ids=lambda workload: workload.name)
@@ -72,3 +73,19 @@ def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
             stored.delays(clear_within_m=-1.0)
         with pytest.raises(InvalidInput, match="nowhere"):
             db.scene("nowhere").delays()
+
+
+def test_margins_are_read_as_far_as_the_largest_separation(dsn: str) -> None:
+    """The ship meets nobody; a tanker 3.3 km away, whose separation is 3 km, is the nearest to a conflict."""
+    at_us = [1_780_000_000_000_000, 1_780_010_000_000_000]
+    ship = Track("ship", [(0.0, 0.0), (1.0, 0.0)], at_us, [(0.0, 0.0)])
+    tanker = Track("tanker", [(0.0, 0.03), (1.0, 0.03)], at_us, [(0.0, 0.0)], object_class="tanker")
+    rules = (Rule("tanker", None, separation_m=3000.0),)
+    scene = Scene("by class", separation_m=100.0, rules=rules)
+    [expected] = delays([ship, tanker], [], scene, "ship", 0.0, clear_within_m=1000.0)
+    assert expected.clear_by_m == pytest.approx(317.2, abs=0.1)
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, [], [ship, tanker], merge=False)
+        stored = db.scene(scene.name)
+        stored.detect()
+        assert stored.delays("ship", 0.0, clear_within_m=1000.0) == [expected]

@@ -560,7 +560,7 @@ def resolve_stored(case: StoredCase) -> Finding:
         track.key for track in case.mixed.tracks if track.departures_us is not None or track.schedule is not None
     ]
     with case.passing("resolved", case.mixed.objects) as scene, idle_schedules():
-        proposal = scene.resolve(within_s=WITHIN_S, limit_s=5.0, keep=repeated)
+        proposal = scene.resolve(within_s=WITHIN_S, limit_s=5.0)
         finding = claims_of_resolve(case, proposal, repeated)
         if proposal.moves and proposal.proposal_id is not None:
             case.db.apply_proposal(proposal.proposal_id)

@@ -218,7 +218,6 @@ def resolve_in_memory(case: Case, aside_m: float = 0.0) -> Finding:
             within_s=WITHIN_S,
             limit_s=5.0,
             aside_m=aside_m,
-            keep=repeated,
         )
     return claims_of_resolve(case, proposal, repeated)
 
@@ -229,7 +228,7 @@ def resolve_with_ways(case: Case) -> Finding:
 
 
 def claims_of_resolve(case: Case, proposal: Any, kept: list[str]) -> Finding:
-    """Check a proposal by moving all its tracks and solving again; kept tracks stay, and may meet each other."""
+    """Check a proposal by moving all its tracks and solving again; tracks that repeat stay, and may meet each other."""
     finding = Finding()
     scene = replace(case.scene, nearest_m=0.0)
     moves = {move.key: move for move in proposal.moves}
@@ -237,6 +236,10 @@ def claims_of_resolve(case: Case, proposal: Any, kept: list[str]) -> Finding:
     tracks = [moved(scene, track, moves[track.key]) if track.key in moves else track for track in case.mixed.tracks]
     after = solved(tracks, case.mixed.areas, scene)
     concerned = {key for pair, row in case.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
+    for key in kept:
+        finding.check(key not in moves, f"{key} moves, although its voyages repeat")
+        is_noted = any(f"track {key!r} stays as planned" in note for note in proposal.notes)
+        finding.check(is_noted == (key in concerned), f"{key} is in conflict and stays, or not: {proposal.notes}")
     for track in tracks:
         if track.key in concerned | moves.keys() and track.key not in left and track.key not in kept:
             met = [pair for pair in after if track.key in pair and not set(pair) & left]

@@ -1,6 +1,7 @@
 """Least distances of tracks without a conflict are those of the near pairs of `solve`."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, th
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
 from conflictdb.earth.registry import Setup
+from conflictdb.model.rules import Rule
 from conflictdb.stages import margins
 from conflictdb.stages.pieces import covers
 
@@ -53,7 +55,7 @@ def test_a_margin_is_the_closest_approach_beyond_the_separation(
     )
 
 
-def track(key: str, lat: float, **more: float) -> Track:
+def track(key: str, lat: float, **more: Any) -> Track:
     return Track(key, [(0.0, lat), (1.0, lat)], [1_780_000_000_000_000, 1_780_010_000_000_000], [(0.0, 0.0)], **more)
 
 
@@ -67,6 +69,58 @@ def test_heights_and_times_count() -> None:
     assert one.clear_by_m == pytest.approx(110.574, abs=0.01)
     assert delays([low], [], Scene("s"), clear_within_m=0.0)[0].clear_by_m is None
     assert delays([], [], Scene("s"), clear_within_m=1.0) == []
+
+
+def test_each_pair_has_its_own_separation() -> None:
+    """The nearest object is not the one that the track clears by the least; some pairs are not compared."""
+    ship, near, far = track("ship", 0.0), track("near", 0.01), track("far", 0.03)
+    tanker, friend = replace(far, object_class="tanker"), track("friend", 0.001, object_class="pilot")
+    rules = (Rule("tanker", None, separation_m=3000.0), Rule("pilot", "track", allowed=True))
+    scene = Scene("s", separation_m=100.0, rules=rules)
+    every = [ship, near, tanker, friend]
+    assert {(one.a_key, one.b_key) for one in solve(every, [], scene)} == {("far", "near")}
+    found = {one.key: one for one in delays(every, [], scene, clear_within_m=5000.0)}
+    assert found["ship"].clear_by_m == pytest.approx(3317.2 - 3000.0, abs=0.1)
+    assert found["ship"].clear_error_m is not None
+    assert found["ship"].clear_error_m < 0.01
+    assert (found["friend"].clear_by_m, found["friend"].clear_error_m) == (None, None)
+    assert delays(every, [], scene, "ship", clear_within_m=300.0)[0].clear_by_m is None
+    alone = delays([ship, near], [], scene, "ship", clear_within_m=5000.0)[0]
+    assert alone.clear_by_m == pytest.approx(1105.74 - 100.0, abs=0.1)
+
+
+def test_heights_are_those_of_the_pair() -> None:
+    """Another pair with a larger vertical separation adds nothing to the heights of this one."""
+    low, high = track("low", 0.0, ceiling_m=100.0), track("high", 0.01, floor_m=150.0, ceiling_m=200.0)
+    rules = (Rule("drone", None, vertical_m=300.0),)
+    scene, drone = Scene("s", rules=rules), replace(high, key="drone", object_class="drone")
+    low = replace(low, object_class="boat")
+    [found, _] = delays([high, low], [], scene, clear_within_m=5000.0)
+    assert found.clear_by_m is None
+    [found, _] = delays([drone, low], [], scene, clear_within_m=5000.0)
+    assert found.clear_by_m == pytest.approx(1105.74, abs=0.1)
+
+
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda one: one.name)
+def test_margins_by_class_are_those_of_pairs(workload: Workload) -> None:
+    scene, areas, tracks = throw(workload, 1, 6, 14, separation_m=500.0)
+    tracks = [replace(one, object_class=("one", "two", None)[n % 3]) for n, one in enumerate(tracks)]
+    required_m = {frozenset(["one", "two"]): 20_000.0, frozenset(["one"]): 0.0}
+    rules = (Rule("one", "two", separation_m=20_000.0), Rule("one", "one", separation_m=0.0))
+    scene, within_m, count = replace(scene, rules=rules), 60_000.0, 0
+    near = solve(tracks, areas, replace(scene, rules=(), separation_m=0.0, nearest_m=80_000.0))
+    class_of = {one.key: one.object_class for one in tracks}
+    for one in delays(tracks, areas, scene, clear_within_m=within_m):
+        margins_m = [
+            (pair.closest_m or 0.0)
+            - required_m.get(frozenset([class_of.get(pair.a_key, "area"), class_of.get(pair.b_key, "area")]), 500.0)
+            for pair in near
+            if one.key in (pair.a_key, pair.b_key)
+        ]
+        expected = max(min([margin for margin in margins_m if margin <= within_m], default=np.inf), 0.0)
+        assert (np.inf if one.clear_by_m is None else one.clear_by_m) == pytest.approx(expected, abs=0.1)
+        count += 0.0 < expected < np.inf
+    assert count > 2
 
 
 def test_a_distance_that_is_unknown_is_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
