@@ -94,6 +94,13 @@ BEGIN
         FOUND := _raise('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
+    IF lower(p_active_span) < '0001-01-01 00:00+00' AND isfinite(lower(p_active_span))
+       OR upper(p_active_span) < '0001-01-01 00:00+00' AND isfinite(upper(p_active_span))
+       OR lower(p_active_span) >= '10000-01-01 00:00+00' AND isfinite(lower(p_active_span))
+       OR upper(p_active_span) >= '10000-01-01 00:00+00' AND isfinite(upper(p_active_span)) THEN
+        FOUND := _raise('ZC003', c_who, 'span', format('must lie within the years 1 to 9999; got %s', p_active_span),
+                        'span_years');
+    END IF;
     -- Infinite instants cannot be converted to microseconds.
     IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
         FOUND := _raise('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');

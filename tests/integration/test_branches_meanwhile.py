@@ -6,7 +6,7 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb import connect
+from conflictdb import Area, Scene, connect
 from conflictdb.db import detect, store
 from conflictdb.errors import ConflictDBError
 
@@ -175,3 +175,15 @@ def test_heights_in_a_branch_keep_no_parent_from_another_datum(parent: Conn, oth
     other.commit()
     detect.detect_pending(parent, "b", jobs=1)
     assert ask(parent, CURRENT) is True
+
+
+def test_a_branch_that_has_lost_its_parent_takes_no_scene_with_it(parent: Conn, other: Conn, dsn: str) -> None:
+    """A scene of its name begins anew: its objects would go with the branch."""
+    other.execute("SELECT conflictdb.create_branch('s', 'b')")
+    parent.execute("SELECT conflictdb.remove_scene('s')")
+    parent.commit()
+    other.commit()
+    with connect(dsn) as db:
+        db.scene("b").put(Area("A", [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]), Scene("b"))
+        store.drop_orphans(parent)
+        assert [one.key for one in db.scene("b").objects()] == ["A"]

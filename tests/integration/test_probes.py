@@ -332,6 +332,9 @@ def test_what_can_be_no_plan_is_refused_at_once(conn: Conn) -> None:
         assert refused(conn, ASK_TRACK, "s", path) == sqlstate, path
     assert refused(conn, ASK, "nowhere") == "ZC010"
     assert refused(conn, ASK.replace("4326)", "3857)"), "s") == "ZC001"
+    for span in ("[0044-03-15 00:00+00 BC, 2030-01-01 00:00+00)", "[2030-01-01 00:00+00, 10000-01-01 00:00+00)"):
+        at_span = "SELECT conflictdb.request_probe('s', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))', %s)"
+        assert refused(conn, at_span, span) == "ZC003"
     line = "SELECT conflictdb.request_probe('s', 'SRID=4326;LINESTRING(0 0, 1 1)')"
     assert refused(conn, line) == "ZC001"
 
