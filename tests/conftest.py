@@ -8,7 +8,7 @@ import uuid
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import psycopg
 import pytest
@@ -17,6 +17,9 @@ from databases import TestServer, clean_up, run_home, test_server
 from reused import ReusedDatabase
 
 from conflictdb.db import schema
+
+if TYPE_CHECKING:
+    from spark_answers import Spark
 
 # The longest files come first, so that no worker is left with one of them in the end. Other long files wait for
 # programs: they run beside short ones, so that no processor is idle.
@@ -105,6 +108,15 @@ def _seen_by_all() -> dict[str, object]:
     own = [handler for handler in root.handlers if not type(handler).__module__.startswith("_pytest")]
     levels = [logging.getLogger(name).level for name in (None, "conflictdb")]
     return {"directory": Path.cwd(), "levels": levels, "disabled": root.manager.disable, "handlers": own}
+
+
+@pytest.fixture(scope="session")
+def spark() -> "Iterator[Spark]":
+    """Return Spark, which starts in some ten seconds; its tests are of group `spark`, so that one worker runs it."""
+    from spark_answers import running_spark
+
+    with running_spark() as found:
+        yield found
 
 
 @pytest.fixture(autouse=True)

@@ -5,9 +5,10 @@ be much wider than the slices and meet more rows, all of them larger.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -22,12 +23,13 @@ from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.bundling import bundles_of
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.digests import area_digests, track_digests
-from conflictdb.stages.world import World
+from conflictdb.stages.world import World, touched
 
 # Bytes of objects cut at a time: their pieces take about ten times as much.
 _AT_ONCE: Final = 4_000_000
@@ -35,6 +37,9 @@ _AT_ONCE: Final = 4_000_000
 NO_NUMBER: Final = -1
 # A larger outline, in bytes (120 vertices), is not repeated in each row of its area: there may be many.
 _MOST_CARRIED: Final = 2_000
+
+# Start and end of times, microseconds.
+TIMES: Final = pa.schema([pa.field("start_us", pa.int64()), pa.field("end_us", pa.int64())])
 
 # Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
 # (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need, or the plan of a track with
@@ -64,6 +69,8 @@ SCHEMA: Final = pa.schema(
     ]
 )
 
+_Plan = TypeVar("_Plan", Area, Track)
+
 
 def check_case(who: str, names: Iterable[str]) -> None:
     """Raise InvalidInput for a column that differs from a known name only in case, and would be ignored."""
@@ -73,12 +80,27 @@ def check_case(who: str, names: Iterable[str]) -> None:
             raise InvalidInput(who, f"column {name}", f"must be written {known}: rename it")
 
 
-def cut(batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = np.inf) -> Iterator[pa.RecordBatch]:
+def touched_times(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:
+    """Yield, in the form TIMES, the times that the tracks of each batch may touch, for `cut`'s window.
+
+    Batches of which an object is refused yield none: `cut` refuses it.
+    """
+    for batch in batches:
+        with suppress(InvalidInput):
+            span = touched(to_objects(batch)[1], scene)
+            if span is not None:
+                yield pa.RecordBatch.from_arrays([pa.array([end], pa.int64()) for end in span], schema=TIMES)
+
+
+def cut(
+    batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = np.inf, window: Window | None = None
+) -> Iterator[pa.RecordBatch]:
     """Yield the pieces of objects; some objects of which one is refused are one row that says so.
 
     Of two with the same key the second is refused: they must be in the same batches.
 
     max_speed_kn : the speed over the ground beyond which a leg is refused, knots
+    window : the time over which schedules are expanded; None: only given activations count
     """
     seen: set[str] = set()
     for batch in batches:
@@ -87,7 +109,7 @@ def cut(batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = n
             some = batch.slice(first, rows)
             try:
                 _refuse_twins(some.column("id").to_pylist(), seen)
-                yield from _pieces(some, scene, max_speed_kn)
+                yield from _pieces(some, World(Setup.of(scene), window), max_speed_kn)
             except InvalidInput as refusal:
                 yield _refused(refusal)
 
@@ -99,14 +121,15 @@ def _refuse_twins(keys: list[str], seen: set[str]) -> None:
         seen.add(key)
 
 
-def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterator[pa.RecordBatch]:
+def _pieces(batch: pa.RecordBatch, world: World, max_speed_kn: float) -> Iterator[pa.RecordBatch]:
     """Yield the pieces of some objects, and these themselves."""
-    areas, tracks = to_objects(batch)
+    given = to_objects(batch)
+    setup, scene = world.setup, world.setup.scene
     refusals = Refusals()
-    within_speed(tracks, scene.motion, max_speed_kn, refusals)
+    within_speed(given[1], scene.motion, max_speed_kn, refusals)
     refusals.raise_found()
-    setup = Setup.of(scene)
-    World(setup).fit(areas, tracks)
+    areas, tracks = _active(world, *given)
+    world.fit(areas, tracks)
     keys = {Kind.AREA: [area.key for area in areas], Kind.TRACK: [track.key for track in tracks]}
     of_kind = {kind: np.flatnonzero(_column(batch, "kind", "").to_numpy(False) == kind.value) for kind in Kind}
     versions, numbers = (
@@ -115,6 +138,9 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     )
     of_areas = replace(AreaBatch.of(areas), version=versions[Kind.AREA])
     of_tracks = replace(TrackBatch.of(tracks), version=versions[Kind.TRACK])
+    states = of_areas, of_tracks
+    if world.window is not None:
+        states = AreaBatch.of(_states(given[0], areas)), TrackBatch.of(_states(given[1], tracks))
     pieces = pieces_of(setup, of_areas, of_tracks)
     is_slice = pieces.kind == Kind.TRACK.code
     parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
@@ -139,8 +165,33 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
         outline=large,
         object_id=pa.array(number),
         version=pa.array(np.concatenate([of_areas.version, of_tracks.version])),
-        digest=pa.array(np.concatenate([area_digests(of_areas), track_digests(of_tracks)])),
+        digest=pa.array(np.concatenate([area_digests(states[0]), track_digests(states[1])])),
     )
+
+
+def _active(world: World, areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[list[Area], list[Track]]:
+    """Return objects with the activations of their schedules in the window, and those that they have.
+
+    A database expands over a time of its own: its activations count, too.
+    """
+    new_areas, new_tracks = world.expanded(areas, tracks)
+    for i, (area, one) in enumerate(zip(areas, new_areas, strict=True)):
+        if area.schedule is not None and area.spans_us is not None:
+            new_areas[i] = replace(one, spans_us=(*area.spans_us, *(one.spans_us or ())))
+    for i, (track, voyages) in enumerate(zip(tracks, new_tracks, strict=True)):
+        if track.schedule is not None and track.departures_us is not None:
+            both = {*track.departures_us, *(voyages.departures_us or ())}
+            new_tracks[i] = replace(voyages, departures_us=tuple(sorted(both)), max_speed_kn=np.inf)
+    return new_areas, new_tracks
+
+
+def _states(given: Sequence[_Plan], active: Sequence[_Plan]) -> list[_Plan]:
+    """Return objects with the activations that they have, by which a database knows their states."""
+    own = (
+        one.schedule is None or (one.spans_us if isinstance(one, Area) else one.departures_us) is not None
+        for one in given
+    )
+    return [one if is_own else other for is_own, one, other in zip(own, given, active, strict=True)]
 
 
 def _plan(track: Track) -> bytes | None:

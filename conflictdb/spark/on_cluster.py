@@ -23,11 +23,13 @@ from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.earth.registry import middle_deg, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Motion, Scene
+from conflictdb.model.recurring_plans import Window
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.spark import cut_objects, joining, solving
 from conflictdb.spark.engine import with_sedona
 from conflictdb.spark.work_units import blocks_for
 from conflictdb.stages.memory import MEMORY_MB, Memory
+from conflictdb.stages.world import horizon, hull
 
 # Partitions per processor of the cluster: several, so that the last to end are short.
 _PER_PROCESSOR: Final = 4
@@ -105,7 +107,8 @@ def detected(
     objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
     scene = _centred(objects, scene)
     count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
-    into_pieces = partial(cut_objects.cut, scene=scene, max_speed_kn=max_speed_kn)
+    window = _window(objects, scene)
+    into_pieces = partial(cut_objects.cut, scene=scene, max_speed_kn=max_speed_kn, window=window)
     cut = mapped(objects.repartition(count, "id"), into_pieces, cut_objects.SCHEMA)
     cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
     rows, large = joining.counted(cut)
@@ -170,6 +173,14 @@ def _centred(objects: DataFrame, scene: Scene) -> Scene:
         )
         raise InvalidInput(f"scene {scene.name!r}", "centre", rule)
     return replace(scene, centre=middle)
+
+
+def _window(objects: DataFrame, scene: Scene) -> Window | None:
+    """Return the time over which the schedules of objects are expanded, as of `World.of`; None: there are none."""
+    if "schedule" not in objects.columns or objects.where("schedule IS NOT NULL").isEmpty():
+        return None
+    times = mapped(objects, partial(cut_objects.touched_times, scene=scene), cut_objects.TIMES)
+    return horizon(scene, hull(*((row["start_us"], row["end_us"]) for row in times.collect())))
 
 
 def _directions(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:

@@ -1,21 +1,13 @@
-"""Fixtures of integration tests: one Spark, which starts in some ten seconds, a scene for admissions, and a page."""
+"""Fixtures of integration tests: a scene for admissions, and a page."""
 
 from collections.abc import Iterator
 
 import pytest
 from city import CITY, worker_connected
 from map_page import Client, served_page
-from spark_answers import Spark, running_spark
 
 from conflictdb import Database, StoredScene, connect
 from conflictdb.db import store
-
-
-@pytest.fixture(scope="session")
-def spark() -> Iterator[Spark]:
-    """Return Spark; its tests are of group `spark`, so that one worker runs it."""
-    with running_spark() as found:
-        yield found
 
 
 @pytest.fixture

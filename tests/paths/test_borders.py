@@ -30,6 +30,7 @@ from conflictdb.model.plans import Area, Motion, Track, VerticalDatum
 from conflictdb.model.recurring_plans import later
 from conflictdb.spark.cut_objects import cut
 from conflictdb.stages.pieces.digests import area_digests, track_digests
+from conflictdb.stages.world import World
 
 _RECURS: Final = "spans_us", "departures_us", "schedule"
 
@@ -151,11 +152,13 @@ def by_arrow(plan: Plan) -> Plan:
 def by_spark(plan: Plan) -> Plan:
     """Rows of objects, as Spark cuts them, have the digest of the plan: it has all fields on which conflicts depend."""
     areas, tracks = split(plan)
-    rows = list(cut([of_objects(areas, tracks)], SCENE))
+    world = World.of(SCENE, areas, tracks)
+    rows = list(cut([of_objects(areas, tracks)], SCENE, window=world.window))
     refused = [one for row in rows for one in row.column("refused").to_pylist() if one is not None]
     if refused:
         raise ConflictDBError(refused[0])
     found = [one for row in rows for one in row.column("digest").to_pylist() if one is not None]
+    areas, tracks = world.expanded(areas, tracks)
     mine = area_digests(AreaBatch.of(areas)) if areas else track_digests(TrackBatch.of(tracks))
     assert found == mine.tolist()
     return plan
@@ -215,7 +218,7 @@ IN_MEMORY: Final[Mapping[str, Callable[[Path], Border]]] = {
         kinds=(Track,),
     ),
     "Arrow": lambda _: Border(by_arrow),
-    "rows of Spark": lambda _: Border(by_spark, refuses={"schedule": "is not expanded"}),
+    "rows of Spark": lambda _: Border(by_spark),
     "frames": lambda _: Border(by_frame),
     "page": lambda _: Border(by_page, refuses={"departures_us": _VOYAGES, "schedule": _VOYAGES}, kinds=(Track,)),
     "moved on the page": lambda _: Border(

@@ -39,6 +39,7 @@ from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_out
 from conflictdb.spark import cut_objects, solving, work_units
 from conflictdb.spark.work_units import Cells, two_blocks
 from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.digests import area_digests, track_digests
 from conflictdb.stages.stage1_broad_phase import candidates
 
 Objects = tuple[Scene, list[Area], list[Track]]
@@ -285,6 +286,41 @@ def pieces_in(words: list[bytes]) -> Pieces:
 def small_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells of few pieces, so that small scenes have several."""
     monkeypatch.setattr(work_units, "_FEW", 5)
+
+
+def test_schedules_are_expanded_over_the_window_and_keep_the_activations_of_a_database() -> None:
+    """A database knows their states by its activations. Schedules of files were refused."""
+    scene, hour = Scene("s"), 3_600_000_000
+    daily = {"days": ["MON", "TUE", "WED", "THU", "FRI", "SAT", "SUN"], "periods": [["08:00", "10:00"]]}
+    given = ((0, hour), (10 * hour, 11 * hour))
+    box = shapely.box(4, 57, 5, 58)
+    areas = [Area("new", box, schedule=daily), Area("stored", box, schedule=daily, spans_us=given)]
+    at = np.array([0, hour], np.int64)
+    sails = Track("T", [(4, 57), (4, 57)], at, [(0, 0)], schedule=daily, departures_us=(20 * hour,))
+    window = 24 * hour, 72 * hour
+    table = pa.Table.from_batches(list(cut_objects.cut([of_objects(areas, [sails])], scene, window=window)))
+    active = table.filter(table["pieces"].is_valid())
+    expected = {
+        "new": [(32, 34), (56, 58)],
+        "stored": [(0, 1), (10, 11), (32, 34), (56, 58)],
+        "T": [(20, 21), (32, 33), (56, 57)],
+    }
+    for key, spans in expected.items():
+        rows = active.filter(pc.equal(active["key"], key))
+        found = [one for row in rows["pieces"].to_pylist() for one in spans_in(row)]
+        assert sorted(found) == [(first * hour, last * hour) for first, last in spans]
+    digest = dict(zip(table["key"].to_pylist(), table["digest"].to_pylist(), strict=True))
+    assert digest["stored"] == area_digests(AreaBatch.of(areas[1:])).tolist()[0]
+    assert digest["T"] == track_digests(TrackBatch.of([sails])).tolist()[0]
+    (times,) = cut_objects.touched_times(
+        [of_objects(areas, [replace(sails, schedule=None, departures_us=None)])], scene
+    )
+    assert times.to_pylist() == [{"start_us": 0, "end_us": hour + 1}]
+
+
+def spans_in(row: bytes) -> list[tuple[int, int]]:
+    found = pieces_in([row])
+    return list(zip(found.start_us.tolist(), found.end_us.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("workload", [SEAM, GROWING, OCEAN], ids=lambda one: one.name)
