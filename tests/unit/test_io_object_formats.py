@@ -277,6 +277,26 @@ def test_volumes_contain_a_moving_haven(seed: int, tmp_path: Path) -> None:
             )
 
 
+@pytest.mark.parametrize(
+    ("limits", "meets"),
+    [
+        ({"xtd_port_m": 200}, True),
+        ({"xtd_port_m": [100, 200], "xtd_starboard_m": [100, 0]}, True),
+        ({"xtd_port_m": [200, 0], "xtd_starboard_m": [0, 200]}, False),
+        ({"turn_radius_m": [400]}, False),
+    ],
+)
+def test_volumes_have_the_limits_of_each_leg(limits: dict[str, Any], meets: bool, tmp_path: Path) -> None:
+    """Limits given by leg, or by turn, were refused, as volumes divide legs. The area is to port of the second leg."""
+    times = [BEGIN, BEGIN + HOUR, BEGIN + 2 * HOUR]
+    outline = [(50, 50), (50, -50), (-50, -50), (-50, 50)]
+    track = Track("T", [(3.9, 57.05), (4.3, 57.05), (4.3, 57.3)], times, outline, tolerances=limits)
+    beside = Area("A", shapely.box(4.29, 57.15, 4.297, 57.2))
+    assert bool(solve([track], [beside], Scene("s"))) == meets
+    found = volumes(written(tmp_path / "out.f3548.json", [], [track]))
+    assert any(shape.intersects(beside.footprint) for _, _, shape in found) == meets
+
+
 def test_activations_are_written_one_by_one(tmp_path: Path) -> None:
     """Formats without schedules never get the outer bounds of several spans."""
     spans = [(BEGIN, BEGIN + HOUR), (BEGIN + 5 * HOUR, BEGIN + 6 * HOUR)]
