@@ -24,6 +24,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.tolerances import windows_later
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import COVER
+from conflictdb.stages.separations import Separations
 from conflictdb.stages.world import Reach
 
 _LENGTH: Final = struct.Struct("<I")
@@ -50,11 +51,12 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
 def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
     """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
 
-    The head has what the kernel takes, `turn_m` (around the earth in the plane; 0: no seam), `objects` (keys, in the
+    The head has what the kernel takes, `settings` (required separations), `of_types` (the number of the settings of two
+    types of objects; -1: not compared), `turn_m` (around the earth in the plane; 0: no seam), `objects` (keys, in the
     order of a detection), `base_us` (the instant that others count from, as text), `refusal` (why moved plans are not
     shown, or null), `plans` (features of the tracks that may be moved, by key; null: its voyages repeat), `digests` of
     those (for `editing.PlanMove`), and `arrays`: name, type of typed arrays, place in the packed bytes, and number of
-    elements of each array.
+    elements of each array. Heights are given for all pieces under the first settings, then under the next.
 
     moved : keys of the tracks that may be moved; None: all
     """
@@ -64,6 +66,8 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, Reach.either(_MOST_LATER_US))
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
+    separations = Separations.of(setup.scene)
+    by_settings = [separations.of_settings(one, pieces) for one in separations.settings]
     _, owner = np.unique(pieces.owner_number, return_inverse=True)
     objects, which = np.unique(object_numbers(pieces), return_inverse=True)
     base_us = min((int(track.times_us[0]) for track in tracks), default=0)
@@ -73,8 +77,9 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "owner": np.where(pieces.owner_number == 0, 0, owner + 1).astype("<i4"),  # 0: none
         "is_cover": (pieces.part == COVER).astype(np.uint8),
         "end_inclusive": pieces.end_inclusive.astype(np.uint8),
-        "floor_m": pieces.floor_m.astype("<f8"),
-        "ceiling_m": pieces.ceiling_m.astype("<f8"),
+        "type": separations.types(pieces.kind, pieces.class_number).astype("<i4"),
+        "floor_m": np.concatenate([one.floor_m for one in by_settings]).astype("<f8"),
+        "ceiling_m": np.concatenate([one.ceiling_m for one in by_settings]).astype("<f8"),
         "moves": pieces.kind,
         "turn": pieces.turn.astype("<i2"),
         **{name: _since(getattr(pieces, name), base_us) for name in _INSTANTS},
@@ -91,11 +96,13 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     head = {
         "refusal": None,
         "base_us": str(base_us),
-        "separation_m": setup.scene.separation_m,
-        "vertical_separation_m": setup.scene.vertical_separation_m,
+        "settings": [
+            {"separation_m": one.separation_m, "tolerance_m": one.tolerance_m} for one in separations.settings
+        ],
+        "of_types": separations.of_types.tolist(),
+        "has_margins": bool(separations.vertical_m.any()),
         "intervals": str(setup.scene.intervals),
-        "tolerance_m": setup.scene.tolerance_m,
-        "reach_m": setup.scene.reach_m,
+        "reach_m": max(one.reach_m for one in separations.settings),
         "turn_m": setup.plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],
         "plans": {
@@ -121,8 +128,6 @@ def _refusal(scene: Scene) -> str | None:
         return f"the method of the scene is {scene.method}"
     if scene.longest_time_us:
         return "the scene has a separation in time"
-    if scene.rules:
-        return "the scene has separation rules"
     return None
 
 

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
+from ruled import CLASSES, random_rules
 from workloads import (
     EQUATOR,
     GROWING,
@@ -30,6 +31,7 @@ import conflictdb
 from conflictdb.map import what_if
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Conflict
+from conflictdb.model.rules import Rule
 
 # More than objects move in the quarter of a microsecond that instants of the page are rounded to, metres.
 AN_INSTANT_M: Final = 1e-3
@@ -185,11 +187,11 @@ def check(tmp_path: Path, count: int, scenes: list[Plans], each: int, ups_m: tup
             found += differing(answer, (scene, areas, tracks), key, delays)
             met += sum(map(len, answer["conflicts"]))
             for one in answer["conflicts"][0]:
-                within_m = scene.separation_m + scene.tolerance_m + AN_INSTANT_M
+                within_m = scene.largest_separation_m + scene.tolerance_m + AN_INSTANT_M
                 inside_m = [at_m for at_m in one["inside_m"] if at_m is not None]
                 assert max(inside_m, default=0.0) <= within_m, (scene.name, key, one)
                 if one["verdict"] == "conflict":
-                    assert one["least_m"] <= min([scene.separation_m, *inside_m]), (scene.name, key, one)
+                    assert one["least_m"] <= min([scene.largest_separation_m, *inside_m]), (scene.name, key, one)
     assert found == []
     assert met > len(scenes)
 
@@ -223,6 +225,45 @@ def test_owners_heights_and_closed_intervals_count_as_in_a_detection(tmp_path: P
             own = replace(scene, **settings)
             plans.append((own, owned[: len(areas)], owned[len(areas) :]))
     check(tmp_path, 3, plans, 2)
+
+
+def by_class(workload: Workload, seed: int, **settings: Any) -> Plans:
+    """The objects of a scene at heights, of some classes and owners, with random separation rules without times."""
+    rng = np.random.default_rng(seed)
+    scene, areas, tracks = at_heights(*scenes_of(workload, seed), seed)
+
+    def classed(one: Any, more: dict[str, Any]) -> Any:
+        object_class = (None, *CLASSES, "unnamed")[rng.integers(7)]
+        return replace(one, object_class=object_class, owner=(None, None, None, "x", "y")[rng.integers(5)], **more)
+
+    rules = [replace(rule, time_s=None) for rule in random_rules(rng)]
+    rules = [one for one in rules if one.allowed or one.separation_m is not None or one.vertical_m is not None]
+    return (
+        replace(scene, rules=tuple(rules), **settings),
+        [classed(area, {}) for area in areas],
+        [classed(track, {"max_speed_kn": np.inf}) for track in tracks],
+    )
+
+
+def test_separation_rules_count_as_in_a_detection(tmp_path: Path) -> None:
+    """Each pair has its own separations, or is not compared; also higher, lower, and with a waypoint elsewhere."""
+    some = [by_class(workload, 70 + seed) for seed, workload in enumerate((LOW_LATITUDE, SEAM, HARBOUR, GROWING))]
+    check(tmp_path, 4, some, 3, (-40.0, -10.1, 0.0, 7.0, 25.3))
+    check(tmp_path, 3, [by_class(LOW_LATITUDE, 80, intervals=Intervals.CLOSED)], 4)
+    check_waypoints(tmp_path, some[:2], 4)
+
+
+@pytest.mark.slow
+def test_many_moved_tracks_of_classes_meet_what_detections_find(tmp_path: Path) -> None:
+    some = [by_class(workload, seed) for workload in WORKLOADS for seed in range(90, 94)]
+    check(tmp_path, 12, some, 4, (-40.0, -10.1, 0.0, 7.0, 25.3))
+
+
+def test_a_separation_in_time_is_refused_in_words(tmp_path: Path) -> None:
+    scene, areas, tracks = scenes_of(LOW_LATITUDE, 1)
+    for own in (replace(scene, time_separation_s=60.0), replace(scene, rules=(Rule("ferry", None, time_s=60.0),))):
+        [[answer]] = on_page(tmp_path, [(what_if.packed(own, areas, tracks), [(tracks[0].key, [(0, 0.0)])])])
+        assert answer == {"refusal": "the scene has a separation in time"}
 
 
 def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:

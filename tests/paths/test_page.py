@@ -1,4 +1,4 @@
-"""The page's what-if gives the answer of `solve` on a moved copy, in ten scenes with the features that it computes."""
+"""The page's what-if gives the answer of `solve` on a moved copy, in scenes with the features that it computes."""
 
 from pathlib import Path
 from typing import Final
@@ -20,10 +20,13 @@ SCENES: Final = {
     7: {Feature.ANTIMERIDIAN, Feature.GROWTH},
     8: {Feature.HIGH_LATITUDE, Feature.SEPARATION},
     9: {Feature.ZERO, Feature.CLOSED},
+    10: {Feature.CLASSES, Feature.OWNERS},
+    11: {Feature.ALLOWED, Feature.HEIGHTS},
+    12: {Feature.CLASS_VERTICAL, Feature.HEIGHTS},
 }
 
 
-@pytest.mark.parametrize("seeds", [range(5), range(5, 10)])
+@pytest.mark.parametrize("seeds", [range(5), range(5, 10), range(10, 13)])
 def test_moved_tracks_meet_what_copies_meet(tmp_path: Path, seeds: range) -> None:
     scenes: list[Plans] = []
     for seed in seeds:

@@ -1,7 +1,7 @@
 // The distance of two objects over time, by the kernel: how deep they overlap, and when most.
 
 import { Kernel } from "./kernel.js";
-import { taken, unbounded, unpackPieces } from "./what_if.js";
+import { settingsOf, taken, unbounded, unpackPieces } from "./what_if.js";
 
 const SAMPLES = 96;
 const MOST_ASKED = 20_000; // distances of two pieces at an instant: some tenths of a second
@@ -14,10 +14,11 @@ export class PairDistance {
   constructor(kernel, pack, keys) {
     this.kernel = kernel;
     this.base = Number(pack.base_us) / 1e6;
-    this.separationM = pack.separation_m;
     const [a, b] = keys.map((key) => pack.objects.indexOf(key));
     const rows = Array.from(pack.object.keys()).filter((row) => pack.object[row] === a || pack.object[row] === b);
     this.pieces = taken(pack, rows);
+    const settings = settingsOf(pack, ...[a, b].map((object) => rows.find((row) => pack.object[row] === object)));
+    this.separationM = pack.settings[Math.max(settings, 0)].separation_m;
     this.pairs = [];
     rows.forEach((one, i) => rows.forEach((other, j) => {
       if (pack.object[one] === a && pack.object[other] === b && (pack.turn[one] === 0 || pack.turn[other] === 0)) this.pairs.push([i, j]);

@@ -35,11 +35,14 @@ export function taken(pack, rows) {
   const twice = (name) => Float64Array.from(rows.flatMap((row) => [pack[name][2 * row], pack[name][2 * row + 1]]));
   const ends = rows.map((row) => [Number(pack.shape_offset[row]), Number(pack.shape_offset[row + 1])]);
   let offset = 0;
+  const settings = pack.settings.map((_, n) => n * pack.object.length);
+  const ofSettings = (name) => Float64Array.from(settings.flatMap((from) => rows.map((row) => pack[name][from + row])));
   const vertices = (name) => Float64Array.from(ends.flatMap(([from, to]) => [...pack[name].subarray(2 * from, 2 * to)]));
   return {
     plane: pack.plane,
-    ...Object.fromEntries(["moves", "turn", "start_us", "end_us", "leg_start_us", "leg_end_us", "bearing_deg", "floor_m", "ceiling_m",
-      "object", "owner", "is_cover", "end_inclusive"].map((name) => [name, every(name)])),
+    ...Object.fromEntries(["moves", "turn", "start_us", "end_us", "leg_start_us", "leg_end_us", "bearing_deg",
+      "object", "owner", "type", "is_cover", "end_inclusive"].map((name) => [name, every(name)])),
+    floor_m: ofSettings("floor_m"), ceiling_m: ofSettings("ceiling_m"),
     leg_start_deg: twice("leg_start_deg"), leg_end_deg: twice("leg_end_deg"),
     shape_offset: BigInt64Array.from([0, ...ends.map(([from, to]) => (offset += to - from))], BigInt),
     shape: vertices("shape"), ...(pack.shape_to && { shape_to: vertices("shape_to") }),
@@ -68,6 +71,24 @@ export function boxes({ xy, offset }) {
 }
 
 export const overlap = (a, b) => a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
+
+// The number of the settings of two rows of a pack; -1: they are not compared.
+export function settingsOf({ type, of_types: ofTypes, owner }, one, other) {
+  return owner[one] !== 0 && owner[one] === owner[other] ? -1 : ofTypes[type[one]][type[other]];
+}
+
+// Whether the heights of two rows overlap, as their settings ask for.
+function shareHeights({ object, floor_m: floors, ceiling_m: ceilings }, settings, one, other, risen = (m) => m) {
+  const from = settings * object.length;
+  return risen(floors[from + one]) < ceilings[from + other] && floors[from + other] < risen(ceilings[from + one]);
+}
+
+// The values by their settings: [number of the settings, values] each.
+function bySettings(values) {
+  const found = new Map();
+  for (const one of values) found.set(one.settings, [...(found.get(one.settings) ?? []), one]);
+  return [...found];
+}
 
 // Why pairs of rows of a pack are not compared; null if they are.
 function refusalOf(pack, pairs) {
@@ -101,7 +122,7 @@ export class WhatIf {
     const whole = mine.reduce((all, row) => [
       Math.min(all[0], box[row][0]), Math.min(all[1], box[row][1]), Math.max(all[2], box[row][2]), Math.max(all[3], box[row][3]),
     ], [Infinity, Infinity, -Infinity, -Infinity]);
-    const isNear = (row) => overlap(whole, box[row]) && !(pack.owner[row] !== 0 && pack.owner[row] === pack.owner[mine[0]]);
+    const isNear = (row) => overlap(whole, box[row]) && settingsOf(pack, mine[0], row) >= 0;
     // Pairs in the order of a detection: by the pieces of the earlier object, then of the later one.
     for (const other of others.filter(isNear)) {
       for (const row of mine) {
@@ -113,7 +134,7 @@ export class WhatIf {
     }
     const isApart = kernel.apart(hulls, BigInt64Array.from(a, BigInt), BigInt64Array.from(b, BigInt));
     const near = a.flatMap((row, n) => (isApart[n] ? [] : [[row, b[n]]]));
-    const atHeights = near.filter(([row, other]) => pack.floor_m[row] < pack.ceiling_m[other] && pack.floor_m[other] < pack.ceiling_m[row]);
+    const atHeights = near.filter(([row, other]) => shareHeights(pack, settingsOf(pack, row, other), row, other));
     this.refusal = refusalOf(pack, atHeights);
     if (this.refusal !== null) return;
     // At other heights it may meet others.
@@ -125,7 +146,7 @@ export class WhatIf {
     this.start = Array.from(this.pieces.start_us, (us) => unbounded(Number(us)));
     this.end = Array.from(this.pieces.end_us, (us) => unbounded(Number(us)));
     this.isMine = Array.from(this.pieces.object, (object) => object === this.object);
-    this.pairs = kept.map(([row, other]) => ({ mine: place.get(row), other: place.get(other) }));
+    this.pairs = kept.map(([row, other]) => ({ mine: place.get(row), other: place.get(other), settings: settingsOf(pack, row, other) }));
   }
 
   // The lowest floor and the highest ceiling of the objects around, metres.
@@ -136,13 +157,12 @@ export class WhatIf {
   }
 
   // Whether the heights of two pieces overlap if the track is so much higher, metres.
-  share({ mine, other }, upM) {
-    const { floor_m: floors, ceiling_m: ceilings } = this.pieces;
+  share({ mine, other, settings }, upM) {
     const risen = (m) => {
       const sum = m + upM;
-      return upM !== 0 && this.pack.vertical_separation_m > 0 && Math.abs(sum) < ROUNDED_M ? Number(sum.toFixed(9)) : sum;
+      return upM !== 0 && this.pack.has_margins && Math.abs(sum) < ROUNDED_M ? Number(sum.toFixed(9)) : sum;
     };
-    return risen(floors[mine]) < ceilings[other] && floors[other] < risen(ceilings[mine]);
+    return shareHeights(this.pieces, settings, mine, other, risen);
   }
 
   // The keys of the objects that it may meet.
@@ -158,18 +178,19 @@ export class WhatIf {
   // at no other one within the horizon it comes within the separation and the tolerance of it.
   forbidden(horizonUs, upM = 0) {
     const { pieces, start, end } = this;
-    const asked = this.pairs.filter((pair) => this.share(pair, upM)).map(({ mine, other }) => {
+    const asked = this.pairs.filter((pair) => this.share(pair, upM)).map(({ mine, other, settings }) => {
       const isStill = pieces.moves[other] === 0;
       const [zero, first] = [start[mine], start[other]];
       const last = isStill ? end[other] : first;
       return {
-        mine, other, zero, first, last, bZero: isStill ? zero : first, aStart: 0, aEnd: (end[mine] - zero) / 1e6, bStart: 0,
+        mine, other, settings, zero, first, last, bZero: isStill ? zero : first, aStart: 0, aEnd: (end[mine] - zero) / 1e6, bStart: 0,
         bEnd: isStill ? 0 : (end[other] - first) / 1e6,
         least: (-(horizonUs + BEYOND_US) - (last - zero)) / 1e6, most: (horizonUs + BEYOND_US - (first - zero)) / 1e6,
       };
     }).filter(({ least, most }) => least <= most);
     const byKey = new Map();
-    for (const { pair, outer: [low, high] } of this.solved(asked)) {
+    const solved = bySettings(asked).flatMap(([settings, some]) => this.solved(some, this.pack.settings[settings]));
+    for (const { pair, outer: [low, high] } of solved) {
       const key = this.keyOf(pair.other);
       const from = pair.first - pair.zero + Math.floor(1e6 * low - ROUNDING_US);
       const to = pair.last - pair.zero + Math.ceil(1e6 * high + ROUNDING_US);
@@ -181,7 +202,7 @@ export class WhatIf {
   }
 
   // What brings pairs into contact, of those that something does; several answers where times are halved.
-  solved(asked) {
+  solved(asked, { separation_m: separation, tolerance_m: tolerance }) {
     const done = [];
     let open = asked;
     this.kernel.withScene(this.pieces, null, (scene) => {
@@ -191,7 +212,7 @@ export class WhatIf {
         const found = this.kernel.differences(scene, {
           a: instants("mine"), b: instants("other"), aZero: instants("zero"), bZero: instants("bZero"), aStart: numbers("aStart"),
           aEnd: numbers("aEnd"), bStart: numbers("bStart"), bEnd: numbers("bEnd"), least: numbers("least"), most: numbers("most"),
-        }, this.pack.separation_m + this.pack.tolerance_m);
+        }, separation + tolerance);
         const loose = [];
         found.forEach(({ state, outer, inner }, n) => {
           if (state === DIFFERENCE.NONE) return;
@@ -215,13 +236,13 @@ export class WhatIf {
     const ends = this.end.map((us, row) => us + mineIs(row, laterUs));
     const isLast = (row, end) => ends[row] > end || pieces.end_inclusive[row] !== 0;
     const together = this.pairs.flatMap((pair) => {
-      const { mine, other } = pair;
+      const { mine, other, settings } = pair;
       if (!this.share(pair, upM)) return [];
       const [from, to] = [Math.max(starts[mine], starts[other]), Math.min(ends[mine], ends[other])];
       const hasEnd = isLast(mine, to) && isLast(other, to);
       if (!(from < to || (from === to && hasEnd))) return [];
       const isFirst = pieces.object[mine] < pieces.object[other];
-      return [{ other, a: isFirst ? mine : other, b: isFirst ? other : mine, from, to, hasEnd }];
+      return [{ other, settings, a: isFirst ? mine : other, b: isFirst ? other : mine, from, to, hasEnd }];
     });
     if (!together.length) return [];
     const company = new Map();
@@ -230,17 +251,20 @@ export class WhatIf {
     const now = { ...pieces, ...Object.fromEntries(["start_us", "end_us", "leg_start_us", "leg_end_us"].map((name) => [name, moved(name)])) };
     const used = new Int8Array(pieces.moves.length);
     for (const { a, b } of together) used[a] = used[b] = 1;
-    const integers = (of) => BigInt64Array.from(together, (pair) => BigInt(of(pair)));
-    const seconds = (of) => Float64Array.from(together, of);
     const span = ({ from, to }) => (to - from) / 1e6;
-    const found = this.kernel.withScene(now, used, (scene) => this.kernel.contacts(scene, {
-      a: integers(({ a }) => a), b: integers(({ b }) => b), zero: integers(({ from }) => from),
-      low: seconds(() => 0), high: seconds(span), beyond: seconds((pair) => (pair.hasEnd ? Infinity : span(pair))),
-      ofObjects: integers(({ other }) => company.get(pieces.object[other])),
-    }, pack));
+    const found = this.kernel.withScene(now, used, (scene) => bySettings(together).flatMap(([settings, some]) => {
+      const integers = (of) => BigInt64Array.from(some, (pair) => BigInt(of(pair)));
+      const seconds = (of) => Float64Array.from(some, of);
+      const contacts = this.kernel.contacts(scene, {
+        a: integers(({ a }) => a), b: integers(({ b }) => b), zero: integers(({ from }) => from),
+        low: seconds(() => 0), high: seconds(span), beyond: seconds((pair) => (pair.hasEnd ? Infinity : span(pair))),
+        ofObjects: integers(({ other }) => company.get(pieces.object[other])),
+      }, pack.settings[settings]);
+      return contacts.map((contact) => ({ ...contact, of: some[contact.pair] }));
+    }));
     const byObject = new Map();
     for (const contact of found) {
-      const { other, from, to } = together[contact.pair];
+      const { other, from, to } = contact.of;
       const [start, end] = instants(contact, from, to);
       if (!byObject.has(pieces.object[other])) byObject.set(pieces.object[other], []);
       byObject.get(pieces.object[other]).push({ ...contact, start, end, lasts: contact.end - contact.start, other });
