@@ -81,13 +81,6 @@ BEGIN
             EXECUTE format('INSERT INTO branch_edit (scene_id, key) SELECT n.scene_id, n.key FROM new_rows n '
                            'JOIN scene b ON b.scene_id = n.scene_id AND b.parent_scene_id IS NOT NULL %s '
                            'WHERE NOT _is_edited(n.scene_id, n.key) ORDER BY n.key ON CONFLICT DO NOTHING', v_renamed);
-            EXECUTE 'SELECT n.key FROM new_rows n JOIN scene b ON b.scene_id = n.scene_id '
-                    'WHERE b.parent_scene_id IS NOT NULL AND n.schedule IS NOT NULL LIMIT 1' INTO v_taken;
-            IF v_taken IS NOT NULL THEN
-                FOUND := _raise('ZC020', format('%s %L', TG_TABLE_NAME, v_taken), 'schedule',
-                                'cannot be edited in a branch', 'branch_without_schedules',
-                                'Give its activations or departures, or edit the parent.');
-            END IF;
         END IF;
         EXECUTE format('INSERT INTO change (scene_id, object_kind, object_id, version) '
                        'SELECT n.scene_id, $1, n.%1$I, n.version FROM new_rows n'

@@ -14,7 +14,10 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._horizon(
     OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_parent scene%ROWTYPE;
 BEGIN
+    SELECT p.* INTO v_parent FROM scene p WHERE p.scene_id = _parent_of(p_scene_id);
     SELECT s.horizon_days, _microseconds(lower(s.expanded)), _microseconds(upper(s.expanded))
         INTO horizon_days, from_us, until_us
         FROM scene s WHERE s.scene_id = p_scene_id;
@@ -26,7 +29,7 @@ BEGIN
     IF is_waiting IS NULL AND NOT p_is_asked THEN
         RETURN;
     END IF;
-    -- Once the window is known, only voyages that changed can leave it.
+    -- Once the window is known, only voyages that changed can leave it, and those of the parent of a branch.
     SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
         FROM (SELECT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id)) AS span
               FROM track t
@@ -34,12 +37,19 @@ BEGIN
                 AND t.schedule IS NULL
                 AND (from_us IS NULL
                      OR t.track_id IN (SELECT c.object_id FROM change c
-                                       WHERE c.scene_id = t.scene_id AND c.object_kind = 1))) v;
+                                       WHERE c.scene_id = t.scene_id AND c.object_kind = 1))
+              UNION ALL
+              SELECT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
+              FROM track t WHERE t.scene_id = v_parent.scene_id AND t.schedule IS NULL
+              UNION ALL
+              SELECT tstzrange(lower(v_parent.expanded), upper(v_parent.expanded) - interval '1 microsecond', '[]')
+              WHERE v_parent.expanded IS NOT NULL) v;
 END
 $$;
 COMMENT ON FUNCTION _horizon(bigint, boolean) IS
 'How far the schedules of a scene are expanded, and how far the voyages reach that may have changed since. is_waiting: '
 'whether a schedule is not expanded at all; null: there are no schedules, and voyages are null unless p_is_asked. '
+'Of a branch, voyages include those of its parent, and how far its parent expands schedules. '
 'Instants are microseconds since 1970.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._expanded_us(
@@ -73,9 +83,8 @@ BEGIN ATOMIC
                    AND (p_track_ids IS NULL OR t.track_id = ANY (p_track_ids));
 END;
 COMMENT ON FUNCTION _scheduled(bigint, boolean, bigint[], bigint[]) IS
-'Objects of a scene with schedules, by their ids (null: all). starts_us, ends_us: the span of an area, the times of a track, microseconds since '
-'1970; null: unbounded. box: of an area, '
-'or the first waypoint of a track.';
+'Objects of a scene with schedules, by their ids (null: all). starts_us, ends_us: the span of an area, the times of a '
+'track, microseconds since 1970; null: unbounded. box: of an area, or the first waypoint of a track.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_spans tstzmultirange[],
@@ -109,6 +118,17 @@ BEGIN
         WHERE n.kind = 1 AND t.track_id = n.id AND t.scene_id = p_scene_id AND t.version = n.version
           AND (t.departures, t.schedule_error) IS DISTINCT FROM (n.departures, n.error);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
+    -- An expansion is no edit, which a merge would refuse. Nobody waits for a branch: the merge refuses one in use.
+    UPDATE branch_edit e SET version = n.now
+        FROM (SELECT o.ctid AS place, n.version, coalesce(a.version, t.version) AS now
+              FROM pg_temp.expanded_schedule n
+              LEFT JOIN area a ON n.kind = 0 AND a.area_id = n.id AND a.scene_id = p_scene_id
+              LEFT JOIN track t ON n.kind = 1 AND t.track_id = n.id AND t.scene_id = p_scene_id
+              JOIN branch_edit o ON o.object_kind = n.kind AND o.object_id = n.id AND o.version = n.version
+              WHERE o.scene_id IN (SELECT b.scene_id FROM scene b WHERE b.parent_scene_id = p_scene_id)
+                AND coalesce(a.version, t.version) > n.version
+              FOR UPDATE OF o SKIP LOCKED) n
+        WHERE e.ctid = n.place AND e.version = n.version;
     RETURN v_changed + v_rows;
 END
 $$;
@@ -116,7 +136,8 @@ COMMENT ON FUNCTION _set_activations(
     bigint, smallint[], bigint[], bigint[], tstzmultirange[], timestamptz[], integer[], text[]
 ) IS
 'Stores expanded schedules of objects that still have the given versions, and so marks those that changed; returns '
-'their number. p_spans: of each area; null for tracks, and where there is an error. p_departures: of all tracks. '
+'their number. Edits of branches then refer to the new versions. p_spans: of each area; null for tracks, and where '
+'there is an error. p_departures: of all tracks. '
 'p_counts: how many departures each object has. p_errors: why its schedule is not understood; null: it is.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)

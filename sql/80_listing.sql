@@ -154,6 +154,9 @@ BEGIN ATOMIC
           UNION ALL
           SELECT h.scene_id, now(), 0 FROM scene h WHERE _is_behind_horizon(h.expanded, h.horizon_days)
           UNION ALL
+          SELECT b.scene_id, now(), 0 FROM scene b JOIN scene p ON p.scene_id = b.parent_scene_id
+              WHERE NOT p.expanded <@ b.expanded
+          UNION ALL
           SELECT w.scene_id, now(), 0 FROM area w WHERE w.schedule IS NOT NULL AND w.activations IS NULL
           UNION ALL
           SELECT w.scene_id, now(), 0 FROM track w WHERE w.schedule IS NOT NULL AND w.departures IS NULL) p

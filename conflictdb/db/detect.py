@@ -244,7 +244,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
-    """Follow attached tables and expand schedules, or detect the parent of a branch; begin the first transaction."""
+    """Follow attached tables, or detect the parent of a branch; expand schedules; begin the first transaction."""
     few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
@@ -257,12 +257,12 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
         if parent is None:
             if again is not None:
                 follow_attached.follow(conn, scene, again=again)
-            expansion.expand(conn, scene, options.say)
         else:
             # If its parent changes meanwhile, the branch stays pending.
             with suppress(_NothingPending):
                 _run(conn, parent, False, replace(options, only_pending=True, progress=None, phase=_silent))
             store.follow_parent(conn, begun.scene_id)
+        expansion.expand(conn, scene, options.say)
         again = None
 
 

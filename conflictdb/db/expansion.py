@@ -1,9 +1,10 @@
 """Expand the schedules of a scene, before a detection looks for changes.
 
 Areas become active during the spans of their schedules, tracks depart at their starts. The window reaches from today to
-the scene's horizon, and over all voyages, so that no voyage is compared with a schedule that is not expanded. An object
-is marked only if its activations differ from those it had. An object whose schedule is not understood may be active at
-any time of its span: its pairs are unresolved, and other objects are detected.
+the scene's horizon, and over all voyages, so that no voyage is compared with a schedule that is not expanded. That of a
+branch contains the window of its parent, and its parent's voyages. An object is marked only if its activations differ
+from those it had. An object whose schedule is not understood may be active at any time of its span: its pairs are
+unresolved, and other objects are detected.
 """
 
 import json
@@ -29,7 +30,7 @@ def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: in
     now_us : today, microseconds; None: by the clock
     """
     with store.transaction(conn):
-        scene_id = store.scene_id(conn, scene)
+        scene_id = store.scene_or_branch_id(conn, scene)
         known = store.horizon(conn, scene_id)
         if known.is_waiting is None:
             if known.window is not None:

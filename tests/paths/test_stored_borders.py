@@ -304,15 +304,14 @@ def undone(scene: StoredScene, way: Way) -> Callable[[Plan], Plan]:
 
 
 # Ways that compare a plan with another one are gone by plans that differ in one field.
-_IN_BRANCHES: Final = {"refuses": {"schedule": "cannot be edited in a branch"}}
 _IN_ADMISSIONS_OF_SQL: Final = {"refuses": {"schedule": "schedule"}, "is_slow": True}
 STORED: Final[Mapping[str, tuple[Way, dict[str, Any]]]] = {
     "put": (by_put, {"is_slow": True}),
     "put again": (by_put_again, {}),
     "put in SQL": (by_sql, {"is_slow": True}),
     "put again in SQL": (by_sql_again, {}),
-    "branch": (by_branch, _IN_BRANCHES),
-    "new in a branch": (by_new_in_branch, {**_IN_BRANCHES, "is_slow": True}),
+    "branch": (by_branch, {}),
+    "new in a branch": (by_new_in_branch, {"is_slow": True}),
     "copy": (by_copy, {"is_slow": True}),
     "other key": (by_new_key, {"is_slow": True}),
     "admission": (by_admission, {"is_slow": True}),
