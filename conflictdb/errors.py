@@ -178,6 +178,10 @@ class IncompleteWarning(UserWarning):
     """An answer may lack conflicts: changes of its scene wait for detection."""
 
 
+class UnknownScheduleWarning(IncompleteWarning):
+    """The schedule of a stored object is not understood: its pairs are unresolved."""
+
+
 def _shown(text: str) -> str:
     shown = printable(text[:_LONGEST_PART])
     return shown if len(text) <= _LONGEST_PART else f"{shown}…"

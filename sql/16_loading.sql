@@ -173,7 +173,8 @@ BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
-           ST_AsBinary(a.footprint, 'NDR'), coalesce(array_send(_ends_of(a.activations)), ''), a.key,
+           ST_AsBinary(a.footprint, 'NDR'),
+           coalesce(CASE WHEN a.schedule_error IS NULL THEN array_send(_ends_of(a.activations)) END, ''), a.key,
            coalesce(a.name, ''), a.properties::text, coalesce(a.class, ''), coalesce(a.owner, ''),
            coalesce(a.schedule::text, '')
     FROM _seen_areas(p_scene_id) a WHERE p_keys IS NULL OR a.key = ANY (p_keys)
@@ -181,7 +182,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
 'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres; empty: no class, no '
-'owner, no schedule, one span only.';
+'owner, no schedule, one span only, a schedule that is not understood.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
     p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
@@ -195,7 +196,8 @@ BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.name IS NOT NULL, t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), ''), t.key,
+           coalesce(array_send(t.ceilings_m), ''),
+           coalesce(CASE WHEN t.schedule_error IS NULL THEN array_send(t.departures) END, ''), t.key,
            coalesce(t.name, ''), t.properties::text, coalesce(t.class, ''), coalesce(t.owner, ''),
            coalesce(t.schedule::text, ''), coalesce(t.tolerances::text, '')
     FROM _seen_tracks(p_scene_id) t WHERE p_keys IS NULL OR t.key = ANY (p_keys)
@@ -203,5 +205,5 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
 'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; class, owner, departures, schedule and '
-'tolerances if there is none.';
+'floors and ceilings (array_send, metres) if not per leg; class, owner, departures (also of a schedule that is not '
+'understood), schedule and tolerances if there is none.';

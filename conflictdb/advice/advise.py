@@ -34,7 +34,7 @@ from conflictdb.model.results import Verdict
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_stages
 from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.world import World
+from conflictdb.stages.world import World, warn_of_unknown
 
 __all__ = ["Advice", "Estimate", "Trial", "advise"]
 
@@ -123,6 +123,7 @@ def advise(
         return Advice(scene, seed, 0, 0, 0, 0, (), "the scene holds no objects: there is nothing to detect.")
     if scene.rules:
         raise InvalidInput("advise", "rules", "costs are not estimated with separation rules: remove them from a copy")
+    warn_of_unknown([*areas, *tracks])
     setup = World.around(scene, areas, tracks).setup
     scene = setup.scene
     drawn = _Sample(setup, areas, tracks, sample, np.random.default_rng(seed))

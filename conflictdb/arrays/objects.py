@@ -15,7 +15,7 @@ from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_t
 from conflictdb.arrays.words import numbers_of_words
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track, has_unknown_times
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ class Activations:
 
 
 def _unless_scheduled(item: Area | Track, given: Any) -> Any:
-    """Return activations that are given; raises InvalidInput for a schedule that is not expanded to some."""
-    if item.schedule is not None and given is None:
+    """Return activations that are given; raises InvalidInput for a schedule that is not expanded, unless stored."""
+    if item.schedule is not None and given is None and not item.is_stored:
         kind = "area" if isinstance(item, Area) else "track"
         raise InvalidInput(
             f"{kind} {item.key!r}",
@@ -122,10 +122,7 @@ class AreaBatch:
             np.arange(len(areas), dtype=np.int64),
             np.ones(len(areas), dtype=np.int64),
             footprint,
-            Activations.of(
-                [_unless_scheduled(a, None if a.spans_us is None else _spans(a)) for a in areas],
-                outer_spans(areas),
-            ),
+            _activations(areas, [None if a.spans_us is None else _spans(a) for a in areas], outer_spans(areas)),
             np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
             numbers_of_words([a.object_class for a in areas]),
@@ -136,7 +133,17 @@ class AreaBatch:
 
 def _departures(tracks: Sequence[Track], first_us: NDArray[np.int64]) -> Activations:
     """Return the departures of tracks; without tracks, one each at the times of their first waypoints."""
-    return Activations.of([_unless_scheduled(one, one.departures_us) for one in tracks], first_us)
+    return _activations(tracks, [one.departures_us for one in tracks], first_us)
+
+
+def _activations(
+    items: Sequence[Area | Track], given: Sequence[Sequence[Any] | None], once: NDArray[np.int64]
+) -> Activations:
+    """Return activations as of `Activations.of`; times of stored plans with a schedule without any are unknown."""
+    found = Activations.of([_unless_scheduled(*one) for one in zip(items, given, strict=True)], once)
+    unknown = [i for i, one in enumerate(items) if has_unknown_times(one)]
+    found.is_unknown[unknown] = True
+    return found
 
 
 def outer_spans(areas: Sequence[Area]) -> NDArray[np.int64]:

@@ -5,13 +5,13 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from conflictdb.cli.last_scene import recall, remember
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.db import store
-from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
 from conflictdb.formats.hints import MAX_GAP_S, FileHints
 from conflictdb.formats.instants import OFFSET_RULE
 from conflictdb.server import EmbeddedServer, embedded
@@ -33,12 +33,35 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
     given, usual = getattr(args, "scene", None), None
     with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
         warnings.simplefilter("ignore", IncompleteWarning)  # commands print their own remarks
+        _remark_once(UnknownScheduleWarning)
         with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
             if given is None and args.needs_scene:
                 args.scene = usual = _needed_scene(opened, args)
             yield opened
             if (used := getattr(args, "scene", None)) is not None and used != usual:
                 remember(_name(opened), used)
+
+
+def _remark_once(of: type[Warning]) -> None:
+    """Print each warning of a category as one remark, until `warnings.catch_warnings` restores the former state."""
+    show, seen = warnings.showwarning, set[str]()
+
+    def once(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if not issubclass(category, of):
+            show(message, category, filename, lineno, file, line)
+        elif str(message) not in seen:
+            seen.add(str(message))
+            remark(str(message))
+
+    warnings.simplefilter("always", of)
+    warnings.showwarning = once
 
 
 def wait(db: Database, args: argparse.Namespace) -> None:

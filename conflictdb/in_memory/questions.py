@@ -212,7 +212,7 @@ def speeds(
     Parameters
     ----------
     key : str, optional
-        A track; by default all tracks in one computation. Each alone has another speed.
+        A track; by default all tracks of one voyage, in one computation. Each alone has another speed.
     slowest, fastest : float
         The limits: factors of the planned speed, above 0; 1 lies between them.
     leg : int, optional
@@ -237,13 +237,16 @@ def speeds_over(
     slowest, fastest = limits(slowest, fastest)
     setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest), window)
     scene = setup.scene
-    require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
+    once = [row for row, track in enumerate(tracks) if track.departures_us is None and track.schedule is None]
+    # Of all tracks, those that repeat stay as planned.
+    given = tracks if key is None and not once else [track for track in tracks if track.key == key]
+    require_one_voyage("speeds", "key", given)
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
         asked, ends_us = np.array([number], np.int64), times_us[[[first, first + 1]]]
     else:
-        asked = numbers if key is None else _known(scene, keys, numbers, [key])
+        asked = numbers[once] if key is None else _known(scene, keys, numbers, [key])
         known = [tracks[row] for row in kinds_and_ids(asked)[1].tolist()]
         for track in known:
             _require_exact("speeds", track)

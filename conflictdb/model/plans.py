@@ -7,8 +7,8 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any, Final, cast
+from dataclasses import InitVar, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 import numpy as np
 import shapely
@@ -195,6 +195,7 @@ class Area:
     owner: str | None = None
     spans_us: tuple[tuple[int | None, int | None], ...] | None = None
     schedule: Any = None
+    is_stored: ClassVar[bool] = False
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
@@ -227,7 +228,7 @@ class Area:
         if self.spans_us is not None:
             with refusals:
                 self._keep_spans(who)
-        if self.schedule is not None:
+        if self.schedule is not None and not self.is_stored:
             with refusals:
                 check_schedule(who, self.schedule)
         _keep_heights(who, self, refusals)
@@ -311,6 +312,7 @@ class Track:
     schedule: Any = None
     legs: Motion | None = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
+    is_stored: ClassVar[bool] = False
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
@@ -368,7 +370,7 @@ class Track:
             )
             if self.departures_us is not None:
                 self._keep_departures(who)
-        if self.schedule is not None:
+        if self.schedule is not None and not self.is_stored:
             with refusals:
                 check_schedule(who, self.schedule)
         legs: Any = self.legs
@@ -443,6 +445,32 @@ class Track:
             np.full((legs, 2), floor_m) if self.floors_m is None else heights_of_legs(self.floors_m, legs),
             np.full((legs, 2), ceiling_m) if self.ceilings_m is None else heights_of_legs(self.ceilings_m, legs),
         )
+
+
+class StoredArea(Area):
+    """An area of a database: if its schedule is not understood, it may be active from its start to its end."""
+
+    __slots__ = ()
+    is_stored: ClassVar[bool] = True
+
+    def __eq__(self, other: object) -> bool:
+        names = [one.name for one in fields(Area)]
+        return isinstance(other, Area) and all(getattr(self, name) == getattr(other, name) for name in names)
+
+    __hash__ = Area.__hash__
+
+
+class StoredTrack(Track):
+    """A track of a database: if its schedule is not understood, it may depart at any time."""
+
+    __slots__ = ()
+    is_stored: ClassVar[bool] = True
+
+
+def has_unknown_times(plan: Area | Track) -> bool:
+    """Return whether a stored plan has a schedule that is not expanded, or not understood."""
+    given = plan.spans_us if isinstance(plan, Area) else plan.departures_us
+    return plan.is_stored and plan.schedule is not None and given is None
 
 
 def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.float64]:

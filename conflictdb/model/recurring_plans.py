@@ -71,27 +71,51 @@ def require_one_voyage(who: str, field: str, tracks: Iterable[Track]) -> None:
 
 
 def expanded_area(area: Area, window: Window) -> Area:
-    """Return an area with the spans of its schedule in a window, cut by its start and end, or an area without one."""
+    """Return an area with the spans of its schedule in a window, cut by its start and end, or an area without one.
+
+    A stored area whose schedule is not understood has none (`has_unknown_times`); of any other raises InvalidInput.
+    """
     if area.schedule is None:
         return area
-    spans = area_spans(f"area {area.key!r}", area.schedule, (area.start_us, area.end_us), area.footprint, window)
+    try:
+        spans = area_spans(f"area {area.key!r}", area.schedule, (area.start_us, area.end_us), area.footprint, window)
+    except Exception:  # whatever a row contains must not stop other objects
+        if not area.is_stored:
+            raise
+        return _made(area, spans_us=None)
     return _made(area, spans_us=tuple((start, end) for start, end in spans.tolist()))
 
 
 def expanded_track(track: Track, window: Window) -> Track:
-    """Return a track with the departures of its schedule whose voyages share time with a window, or one without."""
+    """Return a track with the departures of its schedule whose voyages share time with a window, or one without.
+
+    As `expanded_area` if the schedule is not understood.
+    """
     if track.schedule is None:
         return track
     lasts_us = int(track.times_us[-1] - track.times_us[0])
-    departs = track_departures(f"track {track.key!r}", track.schedule, lasts_us, track.positions_deg[0], window)
+    try:
+        departs = track_departures(f"track {track.key!r}", track.schedule, lasts_us, track.positions_deg[0], window)
+    except Exception:
+        if not track.is_stored:
+            raise
+        return _made(track, departures_us=None)
     return _made(track, departures_us=tuple(departs.tolist()))
+
+
+def unknown_text(who: Sequence[str]) -> str:
+    """Return that the schedules of some stored objects, as `area 'A'`, are not understood."""
+    return f"{_named(who)}: schedule is not understood, or not expanded; pairs with it are unresolved"
+
+
+def _named(who: Sequence[str]) -> str:
+    return ", ".join(who[:_MOST_NAMED]) + (f" and {len(who) - _MOST_NAMED:,} more" * (len(who) > _MOST_NAMED))
 
 
 def idle_text(who: Sequence[str], window: Window) -> str:
     """Return that the schedules of some objects, as `area 'A'`, have no activation in a window."""
     start, end = (f"{np.datetime64(at_us, 'us').astype('datetime64[m]')}Z" for at_us in window)
-    named = ", ".join(who[:_MOST_NAMED]) + (f" and {len(who) - _MOST_NAMED:,} more" * (len(who) > _MOST_NAMED))
-    return f"{named}: no activation of the schedule from {start} until {end}, as far as schedules are expanded"
+    return f"{_named(who)}: no activation of the schedule from {start} until {end}, as far as schedules are expanded"
 
 
 def area_spans(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.errors import IncompleteWarning
+from conflictdb.errors import IncompleteWarning, UnknownScheduleWarning
 from conflictdb.model.plans import (
     INFINITY_US,
     MAX_INSTANT_US,
@@ -27,8 +27,9 @@ from conflictdb.model.plans import (
     Track,
     check_datums,
     check_keys,
+    has_unknown_times,
 )
-from conflictdb.model.recurring_plans import Window, expanded_area, expanded_track, idle_text, window_over
+from conflictdb.model.recurring_plans import Window, expanded_area, expanded_track, idle_text, unknown_text, window_over
 from conflictdb.model.tolerances import tolerances_of
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import check_plane
@@ -158,7 +159,10 @@ class World:
         return replace(cls.around(scene, areas, tracks), window=window)
 
     def expanded(self, areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[list[Area], list[Track]]:
-        """Return areas and tracks with the activations of their schedules in the window; raises InvalidInput."""
+        """Return areas and tracks with the activations of their schedules in the window.
+
+        Raises InvalidInput for a schedule that cannot be expanded, unless the object is stored: its times are unknown.
+        """
         if self.window is None:
             return list(areas), list(tracks)
         window = self.window
@@ -214,9 +218,11 @@ def occupy(
     is_lenient : cover objects that do not fit the plane, as a detection does; else they raise InvalidInput
     warns : issue an IncompleteWarning for schedules without an activation
 
-    Raises InvalidInput for a schedule that cannot be expanded.
+    Raises InvalidInput for a schedule that cannot be expanded. A stored object with one is covered wherever it may be,
+    and named by an UnknownScheduleWarning.
     """
     areas, tracks = world.expanded(areas, tracks)
+    warn_of_unknown([*areas, *tracks])
     if warns and world.window is not None:
         _warn_of_idle(areas, tracks, world.window)
     if is_lenient:
@@ -227,8 +233,15 @@ def occupy(
     return Occupied(areas, tracks, batches, pieces_of(world.setup, *batches))
 
 
+def warn_of_unknown(plans: Sequence[Area | Track]) -> None:
+    """Issue an UnknownScheduleWarning that names stored objects whose schedules are not understood."""
+    unknown = [f"{'area' if isinstance(one, Area) else 'track'} {one.key!r}" for one in plans if has_unknown_times(one)]
+    if unknown:
+        warnings.warn(unknown_text(unknown), UnknownScheduleWarning, stacklevel=4)
+
+
 def _warn_of_idle(areas: Sequence[Area], tracks: Sequence[Track], window: Window) -> None:
-    idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and not one.spans_us]
-    idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and not one.departures_us]
+    idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and one.spans_us == ()]
+    idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and one.departures_us == ()]
     if idle:
         warnings.warn(idle_text(idle, window), IncompleteWarning, stacklevel=4)

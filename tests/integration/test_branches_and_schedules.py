@@ -135,7 +135,7 @@ def test_a_branch_expands_as_far_as_its_parent(db: Database) -> None:
     branch.detect()
     few = len(said(branch.conflicts())[("A", "ferry")][1])
     assert few == len(solved(at_noon, ferry)[("A", "ferry")][1])
-    far = replace(LATER, positions_deg=LATER.positions_deg + [0.0, 10.0])
+    far = replace(LATER, positions_deg=np.add(LATER.positions_deg, [0.0, 10.0]))
     scene.put(far)
     branch.detect()
     assert said(branch.conflicts()) == solved(at_noon, ferry, far)

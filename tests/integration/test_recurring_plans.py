@@ -20,7 +20,7 @@ from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
 from conflictdb.earth.registry import Setup
-from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
 from conflictdb.model.plans import Scene
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.tolerances import tolerances_of
@@ -420,9 +420,8 @@ def test_pairs_of_an_unread_schedule_are_unresolved(
         assert verdicts(conn) == {("A", "B"): "unresolved", ("A", "T"): "unresolved", ("B", "T"): "conflict"}
         assert "area 'A': schedule" in caplog.text
         assert "its pairs are unresolved" in caplog.text
-        with pytest.raises(InvalidInput, match="area 'A': schedule"):
-            db.scene("plans").explain("A", "T")
-        conn.rollback()
+        with pytest.warns(UnknownScheduleWarning, match="area 'A': schedule is not understood"):
+            assert db.scene("plans").explain("A", "T").facts["verdict"] == "unresolved"
         why = conn.execute("SELECT conflictdb.explain_conflict('plans', 'A', 'T') ->> 'why'").fetchone()
         conn.commit()
         assert why is not None
@@ -447,10 +446,9 @@ def test_a_track_of_unknown_departures_is_unresolved_where_it_may_sail(
         spoil(conn, "track", "T", '{"notam": "WHENEVER"}')
         db.scene("plans").detect()
         assert verdicts(conn) == {("late", "T"): "unresolved", ("T", "other"): "unresolved"}
-        # The objects themselves cannot be read.
-        with pytest.raises(InvalidInput, match=r"track 'T': schedule\.notam: is not understood at 'WHENEVER'"):
-            db.scene("plans").delays("other")
-        conn.rollback()
+        with pytest.warns(UnknownScheduleWarning, match="track 'T': schedule is not understood"):
+            (found,) = db.scene("plans").delays("other")
+        assert (found.blocked_by, found.least_later_s) == (("T",), None)
         conn.execute("DELETE FROM conflictdb.track WHERE key = 'T'")
         conn.commit()
         db.scene("plans").detect()
@@ -605,10 +603,13 @@ def test_voyages_at_the_ends_of_the_calendar_are_detected(conn: psycopg.Connecti
 def test_the_longest_voyage_is_the_same_in_sql_and_python(conn: psycopg.Connection[Any]) -> None:
     """Pieces end before it, also across the date line, with waits and turns."""
     rng = np.random.default_rng(7)
-    for _ in range(60):
+    for k in range(60):
         count = int(rng.integers(2, 6))
-        lon = np.cumsum(rng.uniform(-40.0, 40.0, count)) + 170.0
-        places = np.column_stack([(lon + 180.0) % 360.0 - 180.0, rng.uniform(-80.0, 80.0, count)])
+        # Pieces of long legs are many.
+        most_deg = 40.0 if k % 12 == 0 else 2.0
+        lon = np.cumsum(rng.uniform(-most_deg, most_deg, count)) + 180.0
+        lat = rng.uniform(-78.0, 78.0) + rng.uniform(-most_deg, most_deg, count)
+        places = np.column_stack([(lon + 180.0) % 360.0 - 180.0, np.clip(lat, -80.0, 80.0)])
         if rng.random() < 0.3:
             places[1] = places[0]
         times = 1_780_300_800_000_000 + np.cumsum(rng.integers(3_600, 40 * 3_600, count)) * 1_000_000

@@ -21,7 +21,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
 from conflictdb.model.rules import members_of, rule_of
 from conflictdb.model.settings import SETTINGS, SettingType
 
@@ -289,8 +289,7 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
     return [
-        _stored(
-            Area,
+        (StoredArea if strings["schedule"][i] else Area)(
             key=strings["key"][i].decode(),
             footprint=footprints[i],
             name=strings["name"][i].decode() if has_name else None,
@@ -319,8 +318,7 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
         for i in range(len(way) - 1)
     ]
     return [
-        _stored(
-            Track,
+        (StoredTrack if strings["schedule"][i] else Track)(
             key=strings["key"][i].decode(),
             positions_deg=positions[way[i] : way[i + 1]],
             times_us=all_certain(times[way[i] : way[i + 1]]),
@@ -347,18 +345,6 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             )
         )
     ]
-
-
-def _stored(kind: type[_Plan], schedule: Any = None, **members: Any) -> _Plan:
-    """Return an object of the database, also with a schedule that is not understood: its times are unknown."""
-    try:
-        return kind(**members, schedule=schedule)
-    except InvalidInput:
-        if schedule is None:
-            raise
-    one = kind(**members)
-    object.__setattr__(one, "schedule", schedule)
-    return one
 
 
 def _certain(at_us: int) -> np.datetime64 | None:
