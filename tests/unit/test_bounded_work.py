@@ -18,7 +18,7 @@ from conflictdb.model.plans import EarthModel
 from conflictdb.stages import whole_areas
 from conflictdb.stages.object_pairs import company_of
 from conflictdb.stages.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
-from conflictdb.stages.stage4.contact_search import GRAZING
+from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000
@@ -124,6 +124,19 @@ def test_what_glides_past_just_beyond_the_tolerance_is_soon_clear(tolerance_m: f
     conflicts, funnel = staged.run()
     assert not len(conflicts)
     assert funnel.effort.exact.windows < 600
+
+
+@pytest.mark.parametrize(
+    ("share", "verdict"), [(0.999, CONFLICT), (0.999999998, UNRESOLVED), (1.000000002, UNRESOLVED)]
+)
+def test_what_stands_within_rounding_of_the_separation_is_not_halved(share: float, verdict: int) -> None:
+    """No part of the time is decided: that took 49,000 windows, twenty times as long."""
+    lon_deg = 10.0 + np.degrees(share / 6_371_008.771415)
+    tracks = [track("A", [(10.0, 0.0)] * 2, 0.0), track("B", [(lon_deg, 0.0)] * 2, 0.0)]
+    scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=1e-9, separation_m=1.0)
+    found, effort = Staged.of(scene, [], tracks).contacts()
+    assert found.verdict.tolist() == [verdict]
+    assert effort.exact.windows < 50
 
 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:

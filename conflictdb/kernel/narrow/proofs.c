@@ -33,6 +33,7 @@ enum { CHEAP_LOOKS = 16 };
 typedef struct {
     double u, v;
     double clearance_m; /* in the middle */
+    bool is_rounding;   /* the clearance exceeds the margin throughout, by less than the proofs need */
 } Window;
 
 /* Plane metres per second: the speed of b relative to a in the middle of a time, plus the spread; and the largest speed
@@ -61,7 +62,7 @@ static bool stays_beyond(Encounter *pair, double start, double end, double wante
 
 static Window window_of(Encounter *pair, double start, double end, double margin_m) {
     double middle = 0.5 * (start + end), h = end - start, wanted_m = pair->separation_m + margin_m;
-    Window window = {0.0, 1.0, 0.0};
+    Window window = {.u = 0.0, .v = 1.0};
     pair->work->windows++;
     Vector first = encounter_plane_distance(pair, start).axis, last = encounter_plane_distance(pair, end).axis;
     Extent extent = encounter_extent(pair, start, end), a = extent_none(), b = extent_none();
@@ -89,7 +90,9 @@ static Window window_of(Encounter *pair, double start, double end, double margin
         double distance_m = most(window.clearance_m + pair->separation_m, 0.0);
         Speeds speeds = speeds_of(pair, middle, bounds);
         double rate = speeds.relative + plane_drift(pair->plane, distance_m, largest, speeds.fastest);
-        if (window.clearance_m > margin_m + 0.5 * rate * h / smallest + KERNEL_TOUCH_M) window.u = 2.0;
+        double changes_m = 0.5 * rate * h / smallest, excess_m = window.clearance_m - margin_m;
+        if (excess_m > changes_m + KERNEL_TOUCH_M) window.u = 2.0;
+        window.is_rounding = excess_m > changes_m && excess_m + changes_m <= KERNEL_TOUCH_M;
     }
     return window;
 }
@@ -138,8 +141,9 @@ void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m
             keep(intervals, &kept, start, end, window.clearance_m <= KERNEL_TOUCH_M ? IN_CONTACT : NEARBY);
             continue;
         }
-        /* Halve the window; keep it if it is too short or the budget is exhausted. */
-        if (h <= SHORTEST_INTERVAL_S || !split(pair, intervals, start + window.u * h, start + window.v * h))
+        /* Halve the window; keep it if halves are not decided, it is too short or the budget is exhausted. */
+        if (window.is_rounding || h <= SHORTEST_INTERVAL_S ||
+            !split(pair, intervals, start + window.u * h, start + window.v * h))
             keep(intervals, &kept, start, end, BORDERLINE);
     }
     intervals->count = kept;
