@@ -47,9 +47,10 @@ _LONGEST_S: Final = 86_400
 _MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
 # Number, longitude (it may run on across the date line) and latitude of a moved waypoint.
 _MOST_WAYPOINT: Final = (2**31 - 1, 540, 90)
-# Limits on numbers of requests: digits, and the range of a database parameter.
-_MOST_DIGITS: Final = 10
+# Limit on numbers of requests: the range of a database parameter.
 _MOST_NUMBER: Final = 2**31 - 1
+# Versions begin with milliseconds (`live.SceneChanges`); the page reads them as numbers.
+_MOST_VERSION: Final = 2**53 - 1
 # SQLSTATE of a scene that does not exist, or is not visible to the role (10_refusals.sql).
 _SCENE_UNKNOWN: Final = "ZC010"
 
@@ -260,7 +261,7 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
 
     async def events(request: Request) -> Response:
         version = _parameter(request, "version")
-        known = None if version is None else _number("version", version)
+        known = None if version is None else _number("version", version, _MOST_VERSION)
         return StreamingResponse(answers.view(request).changes.each(known), media_type="text/event-stream")
 
     def writes(handler: Callable[[Request, Mapping[str, Any]], Response]) -> Callable[[Request], Awaitable[Response]]:
@@ -316,10 +317,10 @@ def _parameter(request: Request, name: str) -> str | None:
     return given[0] if given else None
 
 
-def _number(name: str, text: str) -> int:
+def _number(name: str, text: str, most: int = _MOST_NUMBER) -> int:
     """Return a whole number of a request."""
-    if not (text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS and int(text) <= _MOST_NUMBER):
-        raise HTTPException(400, f"{name}: must be a whole number from 0 to {_MOST_NUMBER}")
+    if not (text.isascii() and text.isdigit() and len(text) <= len(str(most)) and int(text) <= most):
+        raise HTTPException(400, f"{name}: must be a whole number from 0 to {most}")
     return int(text)
 
 

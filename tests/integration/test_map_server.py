@@ -466,6 +466,17 @@ def test_streams_of_many_scenes_share_one_connection_and_end_with_their_pages(st
         until(lambda: strait.ask("GET", "/api/scene?scene=strait")[0] == 200, what="streams stay after their pages")
 
 
+def test_a_page_may_follow_the_version_that_it_was_given(strait: Client) -> None:
+    version = strait.read("/api/scene")["version"]
+    connection, answer = _stream(strait, f"strait&version={version}")
+    try:
+        assert (answer.status, answer.readline()) == (200, b"retry: 1000\n")
+    finally:
+        answer.close()
+        connection.close()
+    assert strait.ask("GET", f"/api/events?scene=strait&version={10**20}")[0] == 400
+
+
 def test_a_view_that_is_made_anew_has_another_version() -> None:
     """So a page that was away while nobody listened reads everything again."""
     first = SceneChanges("s").version
