@@ -302,3 +302,37 @@ def test_the_page_reads_what_a_moved_plan_may_meet(db: Database) -> None:
     beyond = replace(later, later_us=3 * HOUR_US + HOUR_US // 2)
     for name in ("s", "b"):
         assert sorted(row[0] for row in editing.probed(db.connection, name, beyond)) == ["B", "S"]
+
+
+def test_a_probe_of_sql_says_where_schedules_are_missing(db: Database) -> None:
+    """Pending schedules, and those that are not understood, are candidates; times beyond schedules give a notice."""
+    scene = stored(db, [Area("daily", BOX, schedule=DAILY), voyage("T", lat=59.0)])
+    said_so: list[str] = []
+    db.connection.add_notice_handler(lambda notice: said_so.append(str(notice.message_primary)))
+
+    def probed(span: str) -> set[str]:
+        said_so.clear()
+        query = "SELECT key FROM conflictdb.probe('s', ST_MakeEnvelope(4, 57, 4.2, 57.1, 4326), %s::tstzrange)"
+        with db.connection.transaction():
+            return {key for (key,) in db.connection.execute(query, [span]).fetchall()}
+
+    now = datetime.now(UTC)
+    soon, beyond = f"[{now}, {now.replace(year=now.year + 1)})", "[2060-01-01Z, 2060-02-01Z)"
+    assert probed("(,)") == {"daily"}
+    assert not said_so
+    assert probed(beyond) == set()
+    assert "schedules are expanded from" in said_so[0]
+    far = "[2060-01-01Z,)"
+    assert probed(far) == set()
+    assert "schedules are expanded from" in said_so[0]
+    scene.put([Area("pending", BOX, schedule=DAILY), voyage("repeats", schedule=DAILY)])
+    for span in (soon, beyond, far, "(,)"):
+        assert {"pending", "repeats"} <= probed(span)
+        assert any("waits" in one or "wait" in one for one in said_so), said_so
+    with db.connection.transaction():
+        db.connection.execute(
+            "UPDATE conflictdb.area SET schedule = %s WHERE key = 'pending'", ['{"notam": "WHENEVER"}']
+        )
+    scene.detect()
+    for span in (soon, beyond, far, "(,)"):
+        assert "pending" in probed(span)
