@@ -528,7 +528,7 @@ def paths() -> str:
                 "## Refusals",
                 table(["path", "feature", "message", "reason"], path_limits.PATH_LIMITS)
                 if path_limits.PATH_LIMITS
-                else "None: every path answers with every feature.",
+                else "None.",
                 "## Comparisons",
                 "A comparison is that of one pair, or of one claim.",
                 table(["", "path", "scenes", "comparisons", "failures", "refused scenes"], totals),
