@@ -119,6 +119,8 @@ def test_later_voyages_of_the_parent_meet_schedules_of_the_branch(db: Database) 
     assert said(branch.conflicts()) == solved(area("A", AT_NOON), voyage("soon"))
     for one in (LATER, MUCH_LATER):
         scene.put(one)
+        if one is MUCH_LATER:
+            scene.detect()
         branch.detect()
         assert ("A", one.key) in said(branch.conflicts())
     assert said(branch.conflicts()) == solved(area("A", AT_NOON), voyage("soon"), LATER, MUCH_LATER)
@@ -137,6 +139,7 @@ def test_a_branch_expands_as_far_as_its_parent(db: Database) -> None:
     assert few == len(solved(at_noon, ferry)[("A", "ferry")][1])
     far = replace(LATER, positions_deg=np.add(LATER.positions_deg, [0.0, 10.0]))
     scene.put(far)
+    scene.detect()
     branch.detect()
     assert said(branch.conflicts()) == solved(at_noon, ferry, far)
     assert len(said(branch.conflicts())[("A", "ferry")][1]) > few + 30
