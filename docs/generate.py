@@ -496,8 +496,8 @@ on. Each path of the tables below gives the answer of `solve` with every feature
 first one. Random scenes of 3 to 12 objects mix the features. Claims about other plans, such as those of `delays`, are
 checked by moving the plan and solving again.
 
-`./run python tests/paths/table.py` compares again, `--seeds FIRST:END` other scenes, `--paths NAME` also probes,
-admissions and other paths that these tables do not have, and `./run test -m slow tests/paths` a hundred new scenes.
+`./run python tests/paths/table.py` compares again, `--seeds FIRST:END` other scenes, `--paths NAME` some paths, and
+`./run test -m slow tests/paths` a hundred new scenes.
 """
 COUNTS: Final = Path(__file__).resolve().parents[1] / "tests" / "paths" / "table.csv"
 EVERY: Final = "every feature"

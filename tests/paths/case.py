@@ -59,6 +59,11 @@ class Finding:
         if not is_right:
             self.problems.append(problem)
 
+    def add(self, other: "Finding") -> None:
+        """Count all of another finding."""
+        self.compared += other.compared
+        self.problems += other.problems
+
 
 @dataclass
 class Case:

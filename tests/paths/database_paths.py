@@ -17,9 +17,19 @@ from typing import Any, Final
 
 import psycopg
 import shapely
-from case import PLACES, Case, Finding, NotApplicable, Rows, idle_schedules, only_of, same
+from case import PLACES, Case, Finding, Rows, idle_schedules, only_of, same
 from city import worker_connected
-from memory_paths import WITHIN_S, claims_of_delays, claims_of_resolve, claims_of_speeds
+from memory_paths import (
+    DAYS_S,
+    HOURS_S,
+    MINUTES_S,
+    WITHIN_S,
+    claims_of_delays,
+    claims_of_resolve,
+    claims_of_speeds,
+    with_closed_areas,
+    with_other_days,
+)
 from mixed_scenes import Object
 
 from conflictdb import Database, IncompleteWarning, StoredScene, connect
@@ -29,7 +39,7 @@ from conflictdb.db import probes
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Verdict
+from conflictdb.model.results import Delays, Verdict
 from conflictdb.model.settings import SETTINGS
 
 _TIMEOUT_S: Final = 30.0
@@ -44,6 +54,7 @@ class StoredCase(Case):
 
     db: Database = field(kw_only=True)
     dsn: str = field(kw_only=True)
+    _made: dict[str, StoredScene] = field(default_factory=dict, init=False)
 
     @cached_property
     def stored(self) -> StoredScene:
@@ -54,6 +65,14 @@ class StoredCase(Case):
     def without_plan(self) -> StoredScene:
         """The scene without the plan, detected."""
         return self.made("without plan", [one for one in self.mixed.objects if one.key != self.mixed.plan_key])
+
+    def beyond(self, track: Track) -> tuple[Case, StoredScene]:
+        """Return the scene with areas that a track meets beyond the expanded window, and the stored one, detected."""
+        found = with_other_days(self, track)
+        name = f"beyond {track.key}"
+        if name not in self._made:
+            self._made[name] = self.made(name, found.mixed.objects)
+        return found, self._made[name]
 
     def made(self, name: str, objects: Sequence[Object], *, detect: bool = True, **settings: Any) -> StoredScene:
         """Put objects into a new scene."""
@@ -125,8 +144,7 @@ def _listed(case: StoredCase, scene: StoredScene) -> Finding:
 def _added(findings: Iterable[Finding]) -> Finding:
     whole = Finding()
     for one in findings:
-        whole.compared += one.compared
-        whole.problems += one.problems
+        whole.add(one)
     return whole
 
 
@@ -493,35 +511,43 @@ def explain(case: StoredCase) -> Finding:
 def delays_stored(case: StoredCase) -> Finding:
     """`delays_within_s`: stored delays are those that are computed, in memory and by key."""
     track = case.single_track()
-    with case.passing("stored delays", case.mixed.objects, delays_within_s=WITHIN_S) as scene, idle_schedules():
-        [stored] = scene.delays(track.key, WITHIN_S)
-    settings = replace(case.scene, delays_within_s=WITHIN_S)
-    with idle_schedules():
-        [computed] = delays_in_memory(case.mixed.tracks, case.mixed.areas, settings, track.key, WITHIN_S)
-    finding = claims_of_delays(case, stored, track)
-    if case.has_fixed_plane:
-        finding.check(stored == computed, f"stored {stored}, computed {computed}")
+    closed = with_closed_areas(case, track)
+    settings, finding = replace(case.scene, delays_within_s=HOURS_S), Finding()
+    with case.passing("stored delays", closed.mixed.objects, delays_within_s=HOURS_S) as scene, idle_schedules():
+        answers = [(within_s, scene.delays(track.key, within_s)) for within_s in (MINUTES_S, HOURS_S)]
+    for within_s, [stored] in answers:
+        with idle_schedules():
+            [computed] = delays_in_memory(closed.mixed.tracks, closed.mixed.areas, settings, track.key, within_s)
+        finding.add(_same_delays(closed, stored, computed, track, within_s))
+    return finding
+
+
+def _same_delays(case: Case, stored: Delays, computed: Delays, track: Track, within_s: float) -> Finding:
+    """Compare delays with those of memory, whose claims are checked; without a fixed plane, check the claims."""
+    if not case.has_fixed_plane:
+        return claims_of_delays(case, stored, track, within_s)
+    finding = Finding()
+    finding.check(stored == computed, f"stored {stored}, computed {computed}")
     return finding
 
 
 def delays_by_key(case: StoredCase) -> Finding:
     """`delays(key)` of a stored scene: those of memory."""
     track = case.single_track()
+    beyond, scene = case.beyond(track)
     with idle_schedules():
-        [stored] = case.stored.delays(track.key, WITHIN_S)
-        [computed] = delays_in_memory(case.mixed.tracks, case.mixed.areas, case.scene, track.key, WITHIN_S)
-    finding = claims_of_delays(case, stored, track)
-    if case.has_fixed_plane:
-        finding.check(stored == computed, f"stored {stored}, computed {computed}")
-    return finding
+        [stored] = scene.delays(track.key, DAYS_S)
+        [computed] = delays_in_memory(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, DAYS_S)
+    return _same_delays(beyond, stored, computed, track, DAYS_S)
 
 
 def delays_in_sql(case: StoredCase) -> Finding:
     """request_delays, which a worker answers: the least delays of `delays`."""
     track, conn = case.single_track(), case.db.connection
-    name = case.stored.name
+    beyond, scene = case.beyond(track)
+    name = scene.name
     row = conn.execute(
-        "SELECT conflictdb.request_delays(%s, %s, %s)", [name, track.key, timedelta(seconds=WITHIN_S)]
+        "SELECT conflictdb.request_delays(%s, %s, %s)", [name, track.key, timedelta(seconds=DAYS_S)]
     ).fetchone()
     conn.commit()
     assert row is not None
@@ -531,7 +557,7 @@ def delays_in_sql(case: StoredCase) -> Finding:
     answer = dict(zip(names, found.fetchone() or (), strict=True))
     conn.commit()
     with idle_schedules():
-        [computed] = delays_in_memory(case.mixed.tracks, case.mixed.areas, case.scene, track.key, WITHIN_S)
+        [computed] = delays_in_memory(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, DAYS_S)
     finding = Finding()
     for name in ("least_later_s", "least_earlier_s"):
         own = getattr(computed, name)
@@ -545,10 +571,11 @@ def delays_in_sql(case: StoredCase) -> Finding:
 def speeds_by_key(case: StoredCase) -> Finding:
     """`speeds(key)` of a stored scene: those of memory."""
     track = case.single_track(is_exact=True)
+    beyond, scene = case.beyond(track)
     with idle_schedules():
-        [stored] = case.stored.speeds(track.key, 0.6, 1.8)
-        [computed] = speeds_in_memory(case.mixed.tracks, case.mixed.areas, case.scene, track.key, 0.6, 1.8)
-    finding = claims_of_speeds(case, stored, track)
+        [stored] = scene.speeds(track.key, 0.6, 1.8)
+        [computed] = speeds_in_memory(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, 0.6, 1.8)
+    finding = claims_of_speeds(beyond, stored, track)
     if case.has_fixed_plane:
         finding.check(stored == computed, f"stored {stored}, computed {computed}")
     return finding
@@ -556,16 +583,13 @@ def speeds_by_key(case: StoredCase) -> Finding:
 
 def resolve_stored(case: StoredCase) -> Finding:
     """`resolve` of a stored scene, applied and detected."""
-    repeated = [
-        track.key for track in case.mixed.tracks if track.departures_us is not None or track.schedule is not None
-    ]
     with case.passing("resolved", case.mixed.objects) as scene, idle_schedules():
         proposal = scene.resolve(within_s=WITHIN_S, limit_s=5.0)
-        finding = claims_of_resolve(case, proposal, repeated)
+        finding = claims_of_resolve(case, proposal)
         if proposal.moves and proposal.proposal_id is not None:
             case.db.apply_proposal(proposal.proposal_id)
             case.detect(scene)
-            left = {one.key for one in proposal.left} | set(repeated)
+            left = {one.key for one in proposal.left}
             moved = {move.key for move in proposal.moves}
             met = [
                 (one.a_key, one.b_key)
@@ -577,46 +601,55 @@ def resolve_stored(case: StoredCase) -> Finding:
 
 
 def request_probe(case: StoredCase) -> Finding:
-    """request_probe and request_track_probe, with the key of the stored object."""
-    plan, conn = case.mixed.plan, case.db.connection
-    values = _as_sql(plan)
-    if plan.schedule is not None or values.get("activations") or values.get("departures"):
-        raise NotApplicable("a request has one span or voyage")
-    name = case.stored.name
-    if isinstance(plan, Area):
-        row = conn.execute(
-            "SELECT conflictdb.request_probe(%s, %s::geometry, %s::tstzrange, %s, %s, %s)",
-            [name, values["footprint"], values["active_span"], plan.floor_m, plan.ceiling_m, plan.key],
-        ).fetchone()
-    else:
-        if plan.tolerances or plan.outlines_m is not None or plan.floors_m is not None or plan.ceilings_m is not None:
-            raise NotApplicable("a request has one haven, height band, and no tolerances")
-        path = "conflictdb.track_path(%s::geometry, %s::timestamptz[])"
-        row = conn.execute(
-            f"SELECT conflictdb.request_track_probe(%s, {path}, %s::geometry, %s, %s, %s, %s)",
-            [
-                name,
-                values["path"],
-                _instants(plan.times_us.tolist()),
-                values["outline"],
-                plan.floor_m,
-                plan.ceiling_m,
-                plan.grow_mps,
-                plan.key,
-            ],
-        ).fetchone()
+    """request_plans_probe; and request_probe or request_track_probe, of plans that these have the fields of."""
+    plan, name = case.mixed.plan, case.stored.name
+    given = json.dumps([feature_of(plan) | {"version": 1}])
+    asked = [("SELECT conflictdb.request_plans_probe(%s, %s::jsonb)", [name, given], "wait_for_plans_probe")]
+    if (fields := _of_one_span(plan)) is not None:
+        kind, values = fields
+        asked.append((f"SELECT conflictdb.{kind}", [name, *values], "wait_for_probe"))
+    finding = Finding()
+    for question, parameters, wait in asked:
+        rows = _requested(case, question, parameters, wait)
+        met = {row["key"]: row["verdict"] for row in rows}
+        expected = {key: str(row.verdict) for pair, row in case.rows_of_plan.items() for key in set(pair) - {plan.key}}
+        finding.check(met == expected, f"{question}: {plan.key} meets {met}, expected {expected}")
+    return finding
+
+
+def _requested(case: StoredCase, question: str, parameters: Sequence[Any], wait: str) -> list[dict[str, Any]]:
+    """Return the rows of an answer to a request."""
+    conn = case.db.connection
+    row = conn.execute(question, parameters).fetchone()  # type: ignore[arg-type]
     conn.commit()
     assert row is not None
     case.answer_requests()
-    found = conn.execute("SELECT * FROM conflictdb.wait_for_probe(%s, '30 s')", [row[0]])
+    found = conn.execute(f"SELECT * FROM conflictdb.{wait}(%s, '30 s')", [row[0]])  # type: ignore[arg-type]
     names = [column.name for column in found.description or ()]
     rows = [dict(zip(names, one, strict=True)) for one in found.fetchall()]
     conn.commit()
-    finding = Finding()
-    met = {row["key"]: row["verdict"] for row in rows}
-    expected = {key: str(row.verdict) for pair, row in case.rows_of_plan.items() for key in set(pair) - {plan.key}}
-    finding.check(met == expected, f"{plan.key} meets {met}, expected {expected}")
-    return finding
+    return rows
+
+
+def _of_one_span(plan: Object) -> tuple[str, list[Any]] | None:
+    """Return the call of request_probe or request_track_probe, and its values without the scene; None: it has more."""
+    values = _as_sql(plan)
+    if plan.schedule is not None:
+        return None
+    heights = [plan.floor_m, plan.ceiling_m]
+    if isinstance(plan, Area):
+        if plan.spans_us is not None:
+            return None
+        call = "request_probe(%s, %s::geometry, %s::tstzrange, %s, %s, %s)"
+        return call, [values["footprint"], values["active_span"], *heights, plan.key]
+    if plan.tolerances or plan.outlines_m is not None or plan.floors_m is not None or plan.ceilings_m is not None:
+        return None
+    if plan.departures_us is not None:
+        return None
+    path = "conflictdb.track_path(%s::geometry, %s::timestamptz[])"
+    call = f"request_track_probe(%s, {path}, %s::geometry, %s, %s, %s, %s)"
+    times = _instants(plan.times_us.tolist())
+    return call, [values["path"], times, values["outline"], *heights, plan.grow_mps, plan.key]
 
 
 DATABASE_PATHS: Final = {

@@ -2,25 +2,31 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import geopandas
 import numpy as np
 import shapely
-from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules, same, solved, waiting
-from mixed_scenes import METRES_PER_DEGREE
+from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules, only_of, same, solved, waiting
+from mixed_scenes import DAY_US, METRES_PER_DEGREE
 
 from conflictdb import Index, chances, delays, detours, resolve, solve, speeds
 from conflictdb.clearing.resolve import moved
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.model.inputs import certain
+from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Area, Track
+from conflictdb.model.proposals import Proposal
 from conflictdb.model.results import Conflict, Delays, Forbidden, Speeds, Verdict
 
 WITHIN_S: Final = 1800.0
-# Delays are compared this close to the ends of forbidden intervals, of the first few.
+# Longer than a day: delayed tracks leave the expanded window, and meet the spans of schedules on other days.
+DAYS_S: Final = 93_600.0
+# Longer than any track, with a quarter of an hour before and after it.
+HOURS_S: Final = 7200.0
+# Shorter than this quarter: what forbids only longer delays lies outside on both sides.
+MINUTES_S: Final = 600.0
+# Delays are compared this close to the ends of forbidden intervals, of the first and the last one.
 _CLOSE_US: Final = 1000
-_MOST_INTERVALS: Final = 3
 # Speeds are compared where rounding does not decide.
 _SHARE: Final = 0.37
 
@@ -47,32 +53,81 @@ def _frame(objects: Iterable[Area | Track]) -> geopandas.GeoDataFrame:
 
 
 def index(case: Case) -> Finding:
-    """`Index`: each plan is probed, then put; and the plan of the scene is probed once all are put."""
+    """`Index`: each plan is probed, then put; and the plan of the scene is probed once all are put.
+
+    Voyages first: a later one expands the schedules further, and pairs of earlier objects are not probed again.
+    """
+    plans, found = Index(case.scene), list[Conflict]()
     with idle_schedules():
-        plans = Index(case.scene)
-        found: list[Conflict] = []
-        for one in case.mixed.objects:
+        for one in sorted(case.mixed.objects, key=lambda one: isinstance(one, Area) or one.schedule is not None):
             found += plans.probe(one)
             plans.put(one)
         within = plans.probe(case.mixed.plan)
-    finding, of_plan = (
-        same(rows, some, is_exact=case.has_fixed_plane)
-        for rows, some in ((case.rows, found), (case.rows_of_plan, within))
-    )
-    return Finding(finding.compared + of_plan.compared, finding.problems + of_plan.problems)
+    finding = same(case.rows, found, is_exact=case.has_fixed_plane)
+    finding.add(same(case.rows_of_plan, within, is_exact=case.has_fixed_plane))
+    return finding
 
 
 def delays_in_memory(case: Case) -> Finding:
     """`delays` of one track: forbidden delays conflict, free ones do not."""
     track = case.single_track()
-    with idle_schedules():
-        [answer] = delays(case.mixed.tracks, case.mixed.areas, case.scene, track.key, WITHIN_S)
-    return claims_of_delays(case, answer, track)
+    finding = Finding()
+    for one, within_s in ((with_other_days(case, track), DAYS_S), (with_closed_areas(case, track), HOURS_S)):
+        with idle_schedules():
+            [answer] = delays(one.mixed.tracks, one.mixed.areas, one.scene, track.key, within_s)
+        finding.add(claims_of_delays(one, answer, track, within_s))
+    return finding
 
 
-def claims_of_delays(case: Case, answer: Delays, track: Track) -> Finding:
+def with_closed_areas(case: Case, track: Track) -> Case:
+    """Return the scene with two areas at the first waypoint of a track: one is always active, one before and after it.
+
+    Only the first one forbids every delay.
+    """
+    box = _box_at(track, 0)
+    ends_us, begins_us = (int(at) for at in (track.times_us[0] - 900_000_000, track.times_us[-1] + 900_000_000))
+    spans = [[None, certain(ends_us)], [certain(begins_us), None]]
+    areas = [Area("closed", box), Area("closed before and after", box, spans_us=spans)]
+    return _with(case, areas)
+
+
+def with_other_days(case: Case, track: Track, waypoint: int = 1) -> Case:
+    """Return the scene with two areas on the way of a track, whose schedules no voyage reaches as planned.
+
+    One is active at a waypoint, 1 the first, on the day after or before, away from the other voyages and today; one at
+    the last waypoint after the track has arrived.
+    """
+    starts_us, ends_us = int(track.times_us[0]), int(track.times_us[-1])
+    day_us = DAY_US if case.mixed.seed % 2 == 0 else -DAY_US
+    at_us = int(track.times_us[waypoint - 1]) + day_us - 600_000_000
+    areas = [
+        Area("another day", _box_at(track, waypoint - 1), schedule=_once(at_us, 1200)),
+        Area("after it", _box_at(track, -1), schedule=_once(ends_us + (ends_us - starts_us) // 5, 600)),
+    ]
+    return _with(case, areas)
+
+
+def _with(case: Case, areas: list[Area]) -> Case:
+    return Case(replace(case.mixed, areas=[*case.mixed.areas, *areas]), case.folder)
+
+
+def _box_at(track: Track, waypoint: int) -> shapely.Polygon:
+    """Return a small area at a waypoint, 0 the first."""
+    lon, lat = track.positions_deg[waypoint].tolist()
+    high = 100.0 / METRES_PER_DEGREE
+    wide = high / np.cos(np.radians(lat))
+    return shapely.box(lon - wide, lat - high, lon + wide, lat + high)
+
+
+def _once(from_us: int, lasts_s: int) -> dict[str, str]:
+    """Return a schedule with one span."""
+    start = EPOCH + from_us * MICROSECOND
+    return {"rrule": f"DTSTART:{start:%Y%m%dT%H%M%SZ}\nRRULE:FREQ=DAILY;COUNT=1", "duration": f"PT{lasts_s}S"}
+
+
+def claims_of_delays(case: Case, answer: Delays, track: Track, within_s: float) -> Finding:
     """Check the claims of delays by moving the track and solving again."""
-    finding, whole_us = Finding(), round(1e6 * WITHIN_S)
+    finding, whole_us = Finding(), round(1e6 * within_s)
     for at_us, is_free, one in _delays_to_check(answer, -whole_us, whole_us):
         met = case.met_after(delayed(track, at_us))
         if is_free:
@@ -93,22 +148,24 @@ def claims_of_delays(case: Case, answer: Delays, track: Track) -> Finding:
 
 
 def _delays_to_check(answer: Delays, low_us: int, high_us: int) -> Iterator[tuple[int, bool, Forbidden | None]]:
-    """Yield delays close to the ends of forbidden intervals, on both sides, whether each is free, and its interval."""
-    reached_us = low_us
-    for one in answer.forbidden[:_MOST_INTERVALS]:
-        from_us, to_us = round(1e6 * one.from_s), round(1e6 * one.to_s)
+    """Yield delays close to the ends of two forbidden intervals, on both sides, whether each is free, and its interval.
+
+    Also those by a day, at which a track meets the spans of schedules on other days.
+    """
+    ends = [(round(1e6 * one.from_s), round(1e6 * one.to_s)) for one in answer.forbidden]
+    given = list(zip(answer.forbidden, ends, strict=True))
+    for one, (from_us, to_us) in [*given[:1], *given[1:][-1:]]:
         first_us = from_us + round(1e6 * one.from_error_s) + _CLOSE_US
         last_us = to_us - round(1e6 * one.to_error_s) - _CLOSE_US
-        if from_us - _CLOSE_US > reached_us:
-            yield from_us - _CLOSE_US, True, None
         if first_us < last_us:
             yield first_us, False, one
             yield last_us, False, one
-        reached_us = to_us + _CLOSE_US
-        if to_us < high_us and all(abs(1e6 * other.from_s - to_us) > 2 * _CLOSE_US for other in answer.forbidden):
-            yield reached_us, True, None
-    if not answer.forbidden:
-        yield high_us // 3, True, None
+        for at_us in (from_us - _CLOSE_US, to_us + _CLOSE_US):
+            if low_us < at_us < high_us and all(not low <= at_us <= high for low, high in ends):
+                yield at_us, True, None
+    for at_us in (-DAY_US, DAY_US) if high_us > DAY_US else (high_us // 3,):
+        if all(not low - _CLOSE_US <= at_us <= high + _CLOSE_US for low, high in ends):
+            yield at_us, True, None
 
 
 def waits_in_memory(case: Case) -> Finding:
@@ -118,12 +175,12 @@ def waits_in_memory(case: Case) -> Finding:
     if inner < 1 or _has_heights_of_legs(track) or track.grow_mps or track.outlines_m is not None:
         raise NotApplicable("no waypoint between two legs, or a haven or heights by leg")
     finding = Finding()
-    for one in (case, *_beside_the_waypoint(case, track)):
+    asked = [(with_other_days(case, track, 2), DAYS_S)]
+    asked += [(beside, WITHIN_S) for beside in _beside_the_waypoint(case, track)]
+    for one, within_s in asked:
         with idle_schedules():
-            [answer] = delays(one.mixed.tracks, one.mixed.areas, one.scene, track.key, WITHIN_S, waypoint=2)
-        claims = claims_of_waits(one, answer, track)
-        finding.compared += claims.compared
-        finding.problems += claims.problems
+            [answer] = delays(one.mixed.tracks, one.mixed.areas, one.scene, track.key, within_s, waypoint=2)
+        finding.add(claims_of_waits(one, answer, track, within_s))
     return finding
 
 
@@ -142,10 +199,10 @@ def _beside_the_waypoint(case: Case, track: Track) -> Iterator[Case]:
         yield Case(replace(case.mixed, scene=scene, areas=areas, tracks=[track]), case.folder)
 
 
-def claims_of_waits(case: Case, answer: Delays, track: Track) -> Finding:
+def claims_of_waits(case: Case, answer: Delays, track: Track, within_s: float) -> Finding:
     """Check the claims of waits at the second waypoint."""
     finding = Finding()
-    for at_us, is_free, one in _delays_to_check(answer, 0, round(1e6 * WITHIN_S)):
+    for at_us, is_free, one in _delays_to_check(answer, 0, round(1e6 * within_s)):
         if at_us > _CLOSE_US:
             met = case.met_after(waiting(track, 2, at_us))
             if is_free:
@@ -165,9 +222,10 @@ def _has_heights_of_legs(track: Track) -> bool:
 def speeds_in_memory(case: Case) -> Finding:
     """`speeds` of one track: forbidden speeds conflict, free ones do not."""
     track = case.single_track(is_exact=True)
+    beyond = with_other_days(case, track)
     with idle_schedules():
-        [answer] = speeds(case.mixed.tracks, case.mixed.areas, case.scene, track.key, 0.6, 1.8)
-    return claims_of_speeds(case, answer, track)
+        [answer] = speeds(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, 0.6, 1.8)
+    return claims_of_speeds(beyond, answer, track)
 
 
 def claims_of_speeds(case: Case, answer: Speeds, track: Track) -> Finding:
@@ -207,19 +265,11 @@ def detours_in_memory(case: Case) -> Finding:
 
 def resolve_in_memory(case: Case, aside_m: float = 0.0) -> Finding:
     """`resolve`: after its moves, moved tracks meet nothing, and the others nothing new."""
-    repeated = [
-        track.key for track in case.mixed.tracks if track.departures_us is not None or track.schedule is not None
-    ]
     with idle_schedules():
         proposal = resolve(
-            case.mixed.tracks,
-            case.mixed.areas,
-            case.scene,
-            within_s=WITHIN_S,
-            limit_s=5.0,
-            aside_m=aside_m,
+            case.mixed.tracks, case.mixed.areas, case.scene, within_s=WITHIN_S, limit_s=5.0, aside_m=aside_m
         )
-    return claims_of_resolve(case, proposal, repeated)
+    return claims_of_resolve(case, proposal)
 
 
 def resolve_with_ways(case: Case) -> Finding:
@@ -227,23 +277,31 @@ def resolve_with_ways(case: Case) -> Finding:
     return resolve_in_memory(case, 3000.0)
 
 
-def claims_of_resolve(case: Case, proposal: Any, kept: list[str]) -> Finding:
-    """Check a proposal by moving all its tracks and solving again; tracks that repeat stay, and may meet each other."""
+def claims_of_resolve(case: Case, proposal: Proposal) -> Finding:
+    """Check a proposal by moving all its tracks and solving again: tracks meet something if they are left, only."""
     finding = Finding()
     scene = replace(case.scene, nearest_m=0.0)
     moves = {move.key: move for move in proposal.moves}
     left = {one.key for one in proposal.left}
     tracks = [moved(scene, track, moves[track.key]) if track.key in moves else track for track in case.mixed.tracks]
-    after = solved(tracks, case.mixed.areas, scene)
+    # Rounding decides whether shapes that only touch are reported.
+    after = {
+        pair: row
+        for pair, row in solved(tracks, case.mixed.areas, scene).items()
+        if case.has_fixed_plane or row.verdict is not Verdict.GRAZING
+    }
     concerned = {key for pair, row in case.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
-    for key in kept:
+    for key in (one.key for one in tracks if one.departures_us is not None or one.schedule is not None):
         finding.check(key not in moves, f"{key} moves, although its voyages repeat")
         is_noted = any(f"track {key!r} stays as planned" in note for note in proposal.notes)
         finding.check(is_noted == (key in concerned), f"{key} is in conflict and stays, or not: {proposal.notes}")
     for track in tracks:
-        if track.key in concerned | moves.keys() and track.key not in left and track.key not in kept:
-            met = [pair for pair in after if track.key in pair and not set(pair) & left]
-            finding.check(not met, f"{track.key} meets {met} after the proposal")
+        met = [*only_of(after, {track.key})]
+        if case.has_fixed_plane or met:
+            problem = f"{track.key} meets {met} after the proposal, is left: {track.key in left}"
+            finding.check(bool(met) == (track.key in left), problem)
+    new = after.keys() - case.rows.keys()
+    finding.check(not new, f"{new} are new after the proposal")
     return finding
 
 

@@ -23,24 +23,23 @@ from conflictdb.model.path_limits import PATH_LIMITS, PathLimit
 
 Path = Callable[[Any], Finding]
 
-_ON_DEMAND: Final = {
-    *("Index", "detours", "resolve", "resolve with ways", "branch, edit, merge", "probe", "probe, undetected objects"),
-    *("probe, several plans", "probe by a worker", "request_probe", "admit", "admit in SQL", "resolve a stored scene"),
-}
-IN_FILES: Final = ("scene file", "GeoParquet")
-# Compared on demand only: `table.py --paths NAME`.
-OTHERS: Final[Mapping[str, Path]] = {
-    name: path for name, path in {**MEMORY_PATHS, **DATABASE_PATHS}.items() if name in _ON_DEMAND
-}
 IN_MEMORY: Final[Mapping[str, Path]] = {
-    name: path
-    for name, path in {**MEMORY_PATHS, **FILE_PATHS}.items()
-    if name not in OTHERS and (name in MEMORY_PATHS or name in IN_FILES)
+    **MEMORY_PATHS,
+    **{name: FILE_PATHS[name] for name in ("scene file", "GeoParquet")},
 }
 IN_DATABASE: Final[Mapping[str, Path]] = {
-    name: path for name, path in {**DATABASE_PATHS, **FILE_PATHS}.items() if name not in OTHERS and name not in IN_FILES
+    name: path for name, path in {**DATABASE_PATHS, **FILE_PATHS}.items() if name not in IN_MEMORY
 }
 PATHS: Final[Mapping[str, Path]] = {**IN_MEMORY, **IN_DATABASE}
+# Paths that use one stored scene are tested together.
+GROUPS_IN_DATABASE: Final[Mapping[str, tuple[str, ...]]] = {
+    "probes": ("detect, full", "probe", "probe, several plans", "probe by a worker", "request_probe", "explain"),
+    "changes": ("detect, few changes", "detect, two transactions", "detect, stepwise"),
+    "admissions": ("put_area, put_track", "attached tables", "probe, undetected objects", "admit", "admit in SQL"),
+    "delays": ("delays of a stored scene", "request_delays", "speeds of a stored scene"),
+    "proposals": ("branch, edit, merge", "stored delays", "resolve a stored scene"),
+    "files": tuple(name for name in IN_DATABASE if name in FILE_PATHS),
+}
 
 # Why a path has nothing to compare with a feature.
 NOT_APPLICABLE: Final[Mapping[tuple[str, Feature], str]] = {
@@ -76,11 +75,11 @@ class Table:
         return self.totals.setdefault(path, Cell())
 
     def wants(self, path: str, features: Collection[Feature], least: int) -> bool:
-        """Return whether a scene with some features adds to a cell that has fewer scenes than `least`."""
+        """Return whether a scene with some features adds to a cell with fewer comparisons than `least`."""
         limited = {limit.feature for limit in PATH_LIMITS if limit.path == path}
         if limited & set(features):
             return any(self.cell(path, feature).refusals < least and feature in limited for feature in features)
-        return any(self.cell(path, feature).scenes < least for feature in features)
+        return any(self.cell(path, feature).comparisons < least for feature in features)
 
     def put(self, case: Case, paths: Mapping[str, Path], least: int | None = None) -> None:
         """Put a scene to paths; with `least`, only to those that need it."""

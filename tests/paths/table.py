@@ -1,8 +1,8 @@
 """Print the table of paths: `./run python tests/paths/table.py [--seeds 0:124] [--paths NAME ...] [--all] [--write]`.
 
 Seeds are a number or FIRST:END. Each path is put to the scenes that add to its cells, with --all to every scene. A cell
-has the number of comparisons, then ! with failures, or r with refusals; - is not applicable. --write records the table
-in table.csv, from which the reference is made.
+has the number of comparisons, then ! with failures, or r with refusals; - is not applicable. --write records the rows
+of these paths in table.csv, from which the reference is made.
 """
 
 import argparse
@@ -19,7 +19,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 from case import Case  # noqa: E402
 from databases import test_server  # noqa: E402
 from mixed_scenes import FEATURES, mixed_scene  # noqa: E402
-from path_table import IN_MEMORY, MEMORY_PATHS, NOT_APPLICABLE, OTHERS, PATHS, Table  # noqa: E402
+from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, Table  # noqa: E402
 from reused import ReusedDatabase  # noqa: E402
 from test_paths import SEEDS, put_stored  # noqa: E402
 
@@ -34,9 +34,9 @@ def main() -> int:
     """Print the table; return 1 if a comparison failed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default=f"{SEEDS.start}:{SEEDS.stop}")
-    parser.add_argument("--paths", nargs="*", choices=[*PATHS, *OTHERS], default=list(PATHS))
+    parser.add_argument("--paths", nargs="*", choices=PATHS, default=list(PATHS))
     parser.add_argument("--all", action="store_true", help="put every scene to every path")
-    parser.add_argument("--write", action="store_true", help="record the table in table.csv")
+    parser.add_argument("--write", action="store_true", help="record the rows in table.csv")
     args = parser.parse_args()
     first, _, end = args.seeds.partition(":")
     seeds = range(int(first), int(end) if end else int(first) + 1)
@@ -50,8 +50,8 @@ def main() -> int:
 def filled(seeds: range, names: list[str], least: int | None) -> Table:
     """Return the table of some seeds and paths."""
     table = Table()
-    wanted = {name: path for name, path in {**PATHS, **OTHERS}.items() if name in names}
-    in_memory = {name: path for name, path in wanted.items() if name in {*IN_MEMORY, *MEMORY_PATHS}}
+    wanted = {name: path for name, path in PATHS.items() if name in names}
+    in_memory = {name: path for name, path in wanted.items() if name in IN_MEMORY}
     stored = {name: path for name, path in wanted.items() if name not in in_memory}
     with tempfile.TemporaryDirectory() as folder:
         for seed in seeds:
@@ -75,6 +75,7 @@ def text(table: Table, names: list[str]) -> str:
     for feature in FEATURES:
         cells = [_cell(table, name, feature) for name in names]
         lines.append(f"{feature:34}" + "".join(f"{cell:>6}" for cell in cells))
+    lines.append("processor time, s".ljust(34) + "".join(f"{table.took_s.get(name, 0.0):6.1f}" for name in names))
     lines.append(f"processor time of this process: {sum(table.took_s.values()):.0f} s")
     return "\n".join(lines)
 
@@ -89,15 +90,19 @@ def _cell(table: Table, name: str, feature: Any) -> str:
 
 
 def write(table: Table, names: list[str]) -> None:
-    """Record all cells."""
+    """Record all cells of some paths; those of other paths stay as they are."""
+    with RECORD.open(newline="") as stream:
+        _, *recorded = csv.reader(stream)
+    rows = {name: [row for row in recorded if row[0] == name] for name in PATHS}
+    for name in rows.keys() & set(names):
+        counts = [(EVERY, table.total(name), "")]
+        counts += [(one, table.cell(name, one), NOT_APPLICABLE.get((name, one), "")) for one in FEATURES]
+        rows[name] = [
+            [name, feature, *map(str, (cell.scenes, cell.comparisons, cell.failures, cell.refusals)), reason]
+            for feature, cell, reason in counts
+        ]
     with RECORD.open("w", newline="") as stream:
-        rows = csv.writer(stream, lineterminator="\n")
-        rows.writerow(COLUMNS)
-        for name in names:
-            counts = [(EVERY, table.total(name), "")]
-            counts += [(one, table.cell(name, one), NOT_APPLICABLE.get((name, one), "")) for one in FEATURES]
-            for feature, cell, reason in counts:
-                rows.writerow([name, feature, cell.scenes, cell.comparisons, cell.failures, cell.refusals, reason])
+        csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *(row for name in PATHS for row in rows[name])])
 
 
 if __name__ == "__main__":

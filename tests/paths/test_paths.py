@@ -11,12 +11,12 @@ import pytest
 from case import Case
 from database_paths import StoredCase
 from mixed_scenes import FEATURES, Feature, mixed_scene
-from path_table import IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, Path, Table
+from path_table import GROUPS_IN_DATABASE, IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, Path, Table
 
 from conflictdb import connect
 from conflictdb.model.path_limits import PATH_LIMITS
 
-# Each cell has this many scenes at least, of this many seeds.
+# Each cell has this many comparisons at least, in scenes of this many seeds.
 LEAST: Final = 1
 SEEDS: Final = range(4 * len(FEATURES))
 # No path may refuse these features.
@@ -33,18 +33,20 @@ def assert_whole(table: Table, paths: Mapping[str, Path]) -> None:
     assert not table.unused(paths)
 
 
-def test_paths_in_memory(tmp_path: Folder) -> None:
-    table = Table()
+@pytest.mark.parametrize("name", IN_MEMORY)
+def test_paths_in_memory(tmp_path: Folder, name: str) -> None:
+    table, paths = Table(), {name: IN_MEMORY[name]}
     for seed in SEEDS:
-        table.put(Case(mixed_scene(seed), tmp_path), IN_MEMORY, LEAST)
-    assert_whole(table, IN_MEMORY)
+        table.put(Case(mixed_scene(seed), tmp_path), paths, LEAST)
+    assert_whole(table, paths)
 
 
-def test_paths_in_a_database(conn: psycopg.Connection[Any], dsn: str, tmp_path: Folder) -> None:
-    table = Table()
+@pytest.mark.parametrize("group", GROUPS_IN_DATABASE)
+def test_paths_in_a_database(conn: psycopg.Connection[Any], dsn: str, tmp_path: Folder, group: str) -> None:
+    table, paths = Table(), {name: IN_DATABASE[name] for name in GROUPS_IN_DATABASE[group]}
     for seed in SEEDS:
-        put_stored(table, seed, conn, dsn, tmp_path, IN_DATABASE, LEAST)
-    assert_whole(table, IN_DATABASE)
+        put_stored(table, seed, conn, dsn, tmp_path, paths, LEAST)
+    assert_whole(table, paths)
 
 
 def put_stored(
@@ -64,6 +66,10 @@ def put_stored(
         case = StoredCase(mixed, folder, db=db, dsn=dsn)
         table.put(case, paths, least)
         case.remove()
+
+
+def test_each_path_of_a_database_is_in_a_group() -> None:
+    assert sorted(name for names in GROUPS_IN_DATABASE.values() for name in names) == sorted(IN_DATABASE)
 
 
 def test_limits_are_few_and_of_known_cells() -> None:
