@@ -429,10 +429,14 @@ def world_of(
     """Return the world of a question, and its tracks and areas in the order of their keys; raises InvalidInput."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    # Numbered by key, as in the database: the answer does not depend on the order of the objects.
-    known = sorted(each(what, "tracks", tracks, Track), key=lambda track: track.key.encode())
-    others = sorted(each(what, "areas", areas, Area), key=lambda area: area.key.encode())
+    # Numbered by key, as in the database: the answer does not depend on the order of the objects. World.of checks keys.
+    known = sorted(each(what, "tracks", tracks, Track), key=_order)
+    others = sorted(each(what, "areas", areas, Area), key=_order)
     return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window), known, others
+
+
+def _order(one: Area | Track) -> bytes:
+    return one.key.encode(errors="surrogatepass")
 
 
 def _known(
