@@ -851,7 +851,7 @@ CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABL
 CREATE TRIGGER branch_inserted AFTER INSERT ON conflictdb.scene FOR EACH ROW WHEN ((new.parent_scene_id IS NOT NULL)) EXECUTE FUNCTION _after_branch();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - '{name,horizon_days}'::text[]) IS DISTINCT FROM (_settings_of(new.*) - '{name,horizon_days}'::text[]))) EXECUTE FUNCTION _after_scene_change() -- always;
-CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
+CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN (((new.parent_scene_id IS NULL) AND (((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat)))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER scene_may_be_removed BEFORE DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
 CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
 CREATE TRIGGER scene_replicated AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal() -- replicas;
@@ -1444,6 +1444,9 @@ FUNCTION _is_mine(p_attachment_id bigint)
 
 FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_parent_wider(p_branch scene)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _is_plain(p_box box3d, p_size_deg double precision, p_edge_deg double precision)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
