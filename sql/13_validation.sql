@@ -622,5 +622,6 @@ DROP TRIGGER IF EXISTS scene_holds_objects ON scene;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON scene DEFERRABLE INITIALLY DEFERRED
     FOR EACH ROW
     WHEN (NEW.parent_scene_id IS NULL
-          AND (OLD.motion, OLD.centre_lon, OLD.centre_lat) IS DISTINCT FROM (NEW.motion, NEW.centre_lon, NEW.centre_lat))
+          AND (OLD.motion, OLD.centre_lon, OLD.centre_lat)
+              IS DISTINCT FROM (NEW.motion, NEW.centre_lon, NEW.centre_lat))
     EXECUTE FUNCTION _scene_holds_objects();

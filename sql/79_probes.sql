@@ -792,7 +792,7 @@ COMMENT ON TABLE probe_reply IS
 'Replies to probes: one row per plan and object that it would conflict with or come near.';
 COMMENT ON COLUMN probe_reply.probe_id IS 'Request.';
 COMMENT ON COLUMN probe_reply.plan_key IS 'Key of the plan.';
-COMMENT ON COLUMN probe_reply.name IS 'Name of the object.';
+COMMENT ON COLUMN probe_reply.name IS 'Name of the object; null: none.';
 COMMENT ON COLUMN probe_reply.object_kind IS 'Kind of the object: 0 area, 1 track.';
 COMMENT ON COLUMN probe_reply.key IS 'Key of the object.';
 COMMENT ON COLUMN probe_reply.verdict IS

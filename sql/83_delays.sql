@@ -254,7 +254,8 @@ END
 $$;
 COMMENT ON FUNCTION _stored_differences(bigint, text, bigint) IS
 'Stored differences of a track, or of each, as closed intervals, forbidden or proven, with the key of the other '
-'object; when it begins, and leaves its first waypoint. A row of nulls: they are not complete, or not within this horizon.';
+'object; when it begins, and leaves its first waypoint. A row of nulls: they are not complete, or not within this '
+'horizon.';
 
 CREATE OR REPLACE FUNCTION delays_of(
     p_scene text, p_key text DEFAULT NULL, p_horizon interval DEFAULT NULL, p_now timestamptz DEFAULT NULL

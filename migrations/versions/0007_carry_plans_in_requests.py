@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4b8111b6351da58260be90a9b1b3a5fd73daffc283a2018880ee7e1484880e64"
+routines_sha256 = "4fad277114473f38011807518f9b72b05d2b401d4be16fae25ad235d6709653a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -160,7 +160,7 @@ def lost(one: Plan, other: Plan | None) -> list[str]:
     The lines of legs are those of the scene, for which they were checked; not every border stores them. Windows of
     tolerances may have other offsets.
     """
-    if not isinstance(one, type(other)):
+    if not isinstance(other, Area if isinstance(one, Area) else Track):
         return [each.name for each in fields(one)]
     pairs = {each.name: (getattr(one, each.name), getattr(other, each.name, None)) for each in fields(one)}
     if set(pairs.get("legs", ())) == {SCENE.motion, None}:
