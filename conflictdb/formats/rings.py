@@ -24,7 +24,7 @@ _HIGHEST_DEG: Final = 89.0
 
 
 class LongSides:
-    """Sides of rings that are straight in longitude and latitude by the standard of their file, and no rhumb lines."""
+    """Sides of rings that the standard of their file draws straight in longitude and latitude, not as rhumb lines."""
 
     def __init__(self) -> None:
         self._changed: list[str] = []

@@ -111,7 +111,7 @@ class SceneChanges:
         said = {self._meaning(payload, writers_notify=writers_notify) for payload in payloads} - {None}
         if not said and not is_due:
             return
-        # A user who may not see the scene gets one OBJECTS, and none of its changes.
+        # A user who may not see the scene gets one OBJECTS event. Its changes are withheld.
         was_seen, self._is_seen = self._is_seen, self._sees(connection)
         if self._is_seen != was_seen:
             self.publish(OBJECTS)

@@ -105,7 +105,7 @@ def _all_differences(shifts: Shifts, factor: float) -> Shifts:
 def _with_b_later(
     prepared: kernel.KernelScene, parts: Shifts, later_us: int, least: float, most: float, reach_m: float, threads: int
 ) -> tuple[_Ints, NDArray[Any]]:
-    """Return rows of pairs, and their factors if the other object is later by so much, or earlier."""
+    """Return rows of pairs, and their factors if the other object is `later_us` later (negative: earlier)."""
     n, later_s = len(parts), later_us / 1e6
     shifted = replace(
         parts,
