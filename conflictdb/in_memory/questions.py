@@ -311,74 +311,37 @@ def chances(
     areas: Iterable[Area],
     scene: Scene | None = None,
     departures: Mapping[str, Any] | None = None,
-    speeds: Mapping[str, Any] | None = None,
 ) -> Chances:
-    """Return how likely conflicts are if departures and speeds are uncertain: bounds on either side.
+    """Return how likely conflicts are if departures are uncertain: bounds on either side.
 
-    Conflicts are those of tracks, with each other and with areas. All departures and speeds are independent of each
-    other, and the method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after.
-    A speed is that of a whole plan, as for `speeds`. The work is bounded: with many pairs, and with large empirical
-    distributions, bounds are wider.
+    Conflicts are those of tracks, with each other and with areas. All departures are independent of each other, and the
+    method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after. The work is
+    bounded: with many pairs, and with large empirical distributions, bounds are wider.
 
-    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution, and, with uncertain
-    speeds, for a scene with a separation in time.
+    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution.
 
     Parameters
     ----------
     departures : mapping, optional
         Delays in seconds by the keys of tracks: ``scipy.stats.norm(60, 300)``, ``scipy.stats.uniform(-300, 900)``, or a
         sequence of delays, each as likely. All other tracks depart as planned.
-    speeds : mapping, optional
-        Factors of planned speeds on all legs by the keys of tracks: ``scipy.stats.norm(1, 0.05)``, and so on. All other
-        tracks are as fast as planned.
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
-    from conflictdb.stages.chances_at_speeds import UncertainPlan, chances_at_speeds
 
-    uncertain: dict[str, dict[str, stage.Uncertain]] = {"departures": {}, "speeds": {}}
-    for name, each_of, unit, least, most in (
-        ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
-        ("speeds", speeds, "factors", 1.0 / MOST_FACTOR, MOST_FACTOR),
-    ):
-        for key, given in _by_key(name, each_of).items():
-            try:
-                uncertain[name][key] = stage.Uncertain.of(given, least, most)
-            except (TypeError, ValueError):
-                rule = f"must be norm or uniform of scipy.stats, with their parameters, or finite {unit}"
-                limits = f"from {least:g} to {most:g}"
-                raise InvalidInput("chances", f"{name}[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
-    least_s, most_s = ([getattr(one, end) for one in uncertain["departures"].values()] for end in ("low", "high"))
-    reach = Reach(
-        math.ceil(-1e6 * min([0.0, *least_s])),
-        math.ceil(1e6 * max([0.0, *most_s])),
-        min([1.0, *(one.low for one in uncertain["speeds"].values())]),
-    )
-    setup, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene, reach)
-    scene = setup.scene
-    known = {
-        name: {int(_known(scene, keys, numbers, [key])[0]): one for key, one in some.items()}
-        for name, some in uncertain.items()
-    }
-    tail = sum(one.tail for some in known.values() for one in some.values())
-    placed = AnyTime.of(pieces)
-    if known["speeds"]:
-        if scene.longest_time_us:
-            rule = "must be 0: uncertain speeds are not computed with a separation in time; departures are"
-            raise InvalidInput("chances", "time_separation_s", f"{rule}; got {scene.longest_time_us / 1e6:g}")
-        require_one_voyage("chances", "speeds", [track for track in plans if track.key in (speeds or {})])
-        for track in plans:
-            if track.key in (speeds or {}):
-                _require_exact("speeds", track)
-        made = {
-            number: UncertainPlan(
-                known["departures"].get(number, stage.PLANNED), known["speeds"].get(number, stage.AS_FAST)
-            )
-            for number in numbers.tolist()
-        }
-        of_number = dict(zip(numbers.tolist(), plans, strict=True))
-        pairs, any_of = chances_at_speeds(setup, placed, of_number, made, tail)
-    else:
-        pairs, any_of = stage.chances_of_departures(setup, placed, numbers, known["departures"], tail)
+    uncertain: dict[str, stage.Uncertain] = {}
+    for key, given in _by_key("departures", departures).items():
+        try:
+            uncertain[key] = stage.Uncertain.of(given, -_LATEST_S, _LATEST_S)
+        except (TypeError, ValueError):
+            rule = "must be norm or uniform of scipy.stats, with their parameters, or finite delays in seconds"
+            limits = f"from {-_LATEST_S:g} to {_LATEST_S:g}"
+            raise InvalidInput("chances", f"departures[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
+    least_s, most_s = ([0.0, *(getattr(one, end) for one in uncertain.values())] for end in ("low", "high"))
+    reach = Reach(math.ceil(-1e6 * min(least_s)), math.ceil(1e6 * max(most_s)))
+    setup, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene, reach)
+    known = {int(_known(setup.scene, keys, numbers, [key])[0]): one for key, one in uncertain.items()}
+    tail = sum(one.tail for one in known.values())
+    pairs, any_of = stage.chances_of(setup, AnyTime.of(pieces), numbers, known, tail)
     least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
     return Chances(
         {(keys[a], keys[b]): bounds for (a, b), bounds in pairs.items()},

@@ -2,14 +2,14 @@
 
 A track departs X later than planned, whole plan and all. X is normal, uniform or empirical, and independent of those of
 other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`stages.delays`), whose outer
-intervals give the bound from above, and whose inner intervals that from below (speeds: `chances_at_speeds`).
+intervals give the bound from above, and whose inner intervals that from below. A separation in time is part of them.
 
-The work is bounded: pairs and tracks share a number of values of distributions (`Budget`). Where it does not suffice,
+The work is bounded: pairs and tracks share a number of values of distributions (`_Budget`). Where it does not suffice,
 the values of an empirical distribution are taken in groups, and cells are larger: bounds are wider.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -27,24 +27,24 @@ Found = tuple[dict[tuple[int, int], Bounds], dict[int, Bounds]]
 
 # Probability left out on each side of a normal distribution, and more than probabilities are rounded by.
 _TAIL: Final = 1e-12
-ROUNDING: Final = 1e-10
+_ROUNDING: Final = 1e-10
 # Cells of a continuous distribution; the probabilities of several conflicts are bounded in each. Fewer: looser bounds.
 _CELLS: Final = 4000
 # Values of distributions that one call computes for all pairs, and for all tracks; and the least parts of a
 # distribution, however many there are. More: tighter, slower (10 to 15 s each). A value of an empirical distribution
 # takes as long as this number of other values.
 MOST_VALUES = 200_000_000
-LEAST_PARTS: Final = 16
+_LEAST_PARTS: Final = 16
 _OF_ATOMS: Final = 3
 # Values of one distribution, times intervals, whose probabilities are computed at once. More: more memory.
-AT_ONCE: Final = 1_000_000
+_AT_ONCE: Final = 1_000_000
 # Largest probability outside the limits of a distribution.
 _MOST_OUTSIDE: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertain:
-    """How much later than planned a track departs, seconds, or its speed by the planned one.
+    """How much later than planned a track departs, seconds.
 
     Equally likely `atoms`; else normal or uniform.
 
@@ -57,12 +57,6 @@ class Uncertain:
     mean: float = 0.0
     sd: float = 0.0
     atoms: Floats | None = None
-    _sums: Floats = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Add up the atoms once."""
-        sums = np.append(0.0, np.cumsum(() if self.atoms is None else self.atoms))
-        object.__setattr__(self, "_sums", sums)
 
     @classmethod
     def of(cls, given: Any, least: float, most: float) -> "Uncertain":
@@ -108,34 +102,8 @@ class Uncertain:
         gone, whole = np.maximum(x - self.low, 0.0), self.high - self.low
         return np.where(gone < whole, 0.5 * gone * gone / whole, gone - 0.5 * whole)
 
-    def quantile(self, rank: Floats, *, is_high: bool) -> Floats:
-        """Return the value at each rank from 0 to 1: at a step the one after it, or before it if `is_high`.
 
-        So values between two ranks are from the low value of the lower rank to the high value of the upper rank.
-        """
-        if self.atoms is not None:
-            at = rank * len(self.atoms)
-            atom = np.ceil(at) - 1.0 if is_high else np.floor(at)
-            return np.asarray(self.atoms[np.clip(atom, 0, len(self.atoms) - 1).astype(np.int64)])
-        if self.sd > 0.0:
-            return np.clip(self.mean + self.sd * ndtri(rank), self.low, self.high)
-        return self.low + rank * (self.high - self.low)
-
-    def mean_of(self, ranks: Floats) -> Floats:
-        """Return the mean (n,) between two ranks (n, 2), to 1e-15 of the largest value by their difference."""
-        width = np.ptp(ranks, axis=1)
-        if self.atoms is not None:
-            at = ranks * len(self.atoms)
-            atom = np.clip(np.floor(at).astype(np.int64), 0, len(self.atoms) - 1)
-            below = (self._sums[atom] + (at - atom) * self.atoms[atom]) / len(self.atoms)
-            return np.asarray(np.ptp(below, axis=1) / width)
-        if self.sd > 0.0:
-            density = np.exp(-0.5 * ndtri(ranks) ** 2) / np.sqrt(2.0 * np.pi)
-            return np.asarray(self.mean + self.sd * (density[:, 0] - density[:, 1]) / width)
-        return np.asarray(self.quantile(ranks.mean(axis=1), is_high=True))
-
-
-class Budget:
+class _Budget:
     """Values of distributions that may still be computed, shared equally by the computations to come."""
 
     def __init__(self, computations: int) -> None:
@@ -152,9 +120,7 @@ class Budget:
         self._values -= values
 
 
-# Departures as planned, and speeds.
-PLANNED: Final = Uncertain(0.0, 0.0, atoms=np.zeros(1))
-AS_FAST: Final = Uncertain(1.0, 1.0, atoms=np.ones(1))
+_PLANNED: Final = Uncertain(0.0, 0.0, atoms=np.zeros(1))
 
 
 def _groups(atoms: Floats, most: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
@@ -164,24 +130,24 @@ def _groups(atoms: Floats, most: int) -> tuple[Floats, Floats, NDArray[np.int64]
     return atoms[edges[:-1]], atoms[edges[1:] - 1], edges
 
 
-def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats, groups: int, *, is_most: bool) -> Floats:
+def _difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats, groups: int, *, is_most: bool) -> Floats:
     """Return bounds of the probabilities of low <= X_a - X_b <= high, elementwise: from above, or from below.
 
     groups : most groups of atoms; if there are no more atoms, bounds are exact, as those of other distributions
     """
     if b.atoms is not None and (a.atoms is None or len(b.atoms) < len(a.atoms)):
-        return difference_within(b, a, -high, -low, groups, is_most=is_most)
+        return _difference_within(b, a, -high, -low, groups, is_most=is_most)
     if a.atoms is not None:
         least, most, edges = _groups(a.atoms, groups)
         first, last = (least, most) if is_most else (most, least)
         mass = np.diff(edges) / len(a.atoms)
-        found, some = np.empty(len(low)), max(AT_ONCE // len(mass), 1)
+        found, some = np.empty(len(low)), max(_AT_ONCE // len(mass), 1)
         for begin in range(0, len(low), some):
             rows = slice(begin, begin + some)
             found[rows] = mass @ b.within(first[:, None] - high[rows], last[:, None] - low[rows])
         return found
     if b.sd > 0.0 and not a.sd > 0.0:
-        return difference_within(b, a, -high, -low, groups, is_most=is_most)
+        return _difference_within(b, a, -high, -low, groups, is_most=is_most)
     if b.sd > 0.0:
         both = Uncertain(0.0, 0.0, mean=a.mean - b.mean, sd=float(np.hypot(a.sd, b.sd)))
         return both.within(low, high)
@@ -189,16 +155,8 @@ def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats, gro
     return np.asarray(ends[1] - ends[0])
 
 
-def bend(a: Uncertain, b: Uncertain) -> float:
-    """Return the largest second derivative of the distribution function of X_a - X_b; infinite if there is none."""
-    sd, widths = float(np.hypot(a.sd, b.sd)), [one.high - one.low for one in (a, b) if one.atoms is None and not one.sd]
-    if sd > 0.0:
-        return float(np.exp(-0.5) / np.sqrt(2.0 * np.pi)) / sd**2
-    return 1.0 / (widths[0] * widths[1]) if len(widths) == 2 else np.inf
-
-
 @dataclass(frozen=True, slots=True)
-class Rival:
+class _Rival:
     """Another object that a track may meet: its departure, and the outer and inner differences, seconds."""
 
     departure: Uncertain
@@ -206,27 +164,27 @@ class Rival:
     inner: tuple[Floats, Floats]
 
 
-def atoms_of(a: Uncertain, b: Uncertain) -> int:
+def _atoms_of(a: Uncertain, b: Uncertain) -> int:
     """Return how many values of a distribution a probability of the difference of both takes."""
     return min((len(one.atoms) for one in (a, b) if one.atoms is not None), default=1)
 
 
-def chance_of_pair(departure: Uncertain, rival: Rival, budget: Budget) -> Bounds:
+def _chance_of_pair(departure: Uncertain, rival: _Rival, budget: _Budget) -> Bounds:
     """Return bounds on the probability that a track meets another object."""
     spans = len(rival.inner[0]) + len(rival.outer[0])
     if departure.atoms is not None and rival.departure.atoms is not None:
         spans *= _OF_ATOMS
-    groups = min(max(budget.share() // max(spans, 1), LEAST_PARTS), atoms_of(departure, rival.departure))
+    groups = min(max(budget.share() // max(spans, 1), _LEAST_PARTS), _atoms_of(departure, rival.departure))
     budget.spend(groups * spans)
     least, most = (
-        float(difference_within(departure, rival.departure, *of, groups, is_most=is_most).sum())
+        float(_difference_within(departure, rival.departure, *of, groups, is_most=is_most).sum())
         for of, is_most in ((rival.inner, False), (rival.outer, True))
     )
-    return outward(least, most, departure.tail + rival.departure.tail)
+    return _outward(least, most, departure.tail + rival.departure.tail)
 
 
-def chance_of_any(
-    departure: Uncertain, rivals: list[Rival], pairs: list[Bounds], tail: float, budget: Budget
+def _chance_of_any(
+    departure: Uncertain, rivals: list[_Rival], pairs: list[Bounds], tail: float, budget: _Budget
 ) -> Bounds:
     """Return bounds on the probability that a track meets any of some objects, and of others with a probability `tail`.
 
@@ -237,12 +195,12 @@ def chance_of_any(
     """
     least = _of_any(departure, [(one.departure, *one.inner) for one in rivals], budget, is_most=False)
     most = _of_any(departure, [(one.departure, *one.outer) for one in rivals], budget, is_most=True)
-    least, most = outward(least, most, tail)
+    least, most = _outward(least, most, tail)
     return max([least, *(low for low, _ in pairs)]), min(most, sum(high for _, high in pairs) + tail)
 
 
 def _of_any(
-    departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]], budget: Budget, *, is_most: bool
+    departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]], budget: _Budget, *, is_most: bool
 ) -> float:
     # Where the track surely meets what departs at a known time: delays of the track, exact.
     known = [(b.low + low, b.low + high) for b, low, high in rivals if b.low == b.high]
@@ -255,7 +213,7 @@ def _of_any(
 
     uncertain = [(b, low, high) for b, low, high in rivals if b.low != b.high]
     intervals = sum(len(low) * (1 if b.atoms is None else _OF_ATOMS) for b, low, _ in uncertain)
-    most_cells = max(budget.share() // max(intervals, 1), LEAST_PARTS)
+    most_cells = max(budget.share() // max(intervals, 1), _LEAST_PARTS)
     # Cells from first to last, the probability of all of them, and of the free delays of each.
     if departure.atoms is not None:
         first, last, edges = _groups(departure.atoms, most_cells)
@@ -271,7 +229,7 @@ def _of_any(
     budget.spend(len(mass) * intervals)
     begin, end = (first, last) if is_most else (last, first)
     for b, low, high in uncertain:
-        some = max(AT_ONCE // max(len(low), 1), 1)
+        some = max(_AT_ONCE // max(len(low), 1), 1)
         for at in range(0, len(mass), some):
             cells = slice(at, at + some)
             met = b.within(begin[cells, None] - high, end[cells, None] - low).sum(axis=1)
@@ -279,12 +237,12 @@ def _of_any(
     return whole - float(mass.sum())
 
 
-def outward(least: float, most: float, tail: float) -> Bounds:
+def _outward(least: float, most: float, tail: float) -> Bounds:
     """Return bounds widened by rounding and by the probability outside the limits of distributions."""
-    return max(0.0, least - ROUNDING), min(1.0, most + tail + ROUNDING)
+    return max(0.0, least - _ROUNDING), min(1.0, most + tail + _ROUNDING)
 
 
-def rivals_of(found: Differences, horizon_us: int, departure_of: Callable[[int], Uncertain]) -> dict[int, Rival]:
+def _rivals_of(found: Differences, horizon_us: int, departure_of: Callable[[int], Uncertain]) -> dict[int, _Rival]:
     """Return what a track may meet, by number.
 
     found : the differences of this track alone
@@ -294,7 +252,7 @@ def rivals_of(found: Differences, horizon_us: int, departure_of: Callable[[int],
     rivals = {}
     for other, rows in zip(others.tolist(), np.split(order, first[1:]), strict=True):
         outer, inner = (_seconds(spans) for spans in found.take(rows).forbidden(-horizon_us, horizon_us))
-        rivals[other] = Rival(departure_of(other), outer, inner)
+        rivals[other] = _Rival(departure_of(other), outer, inner)
     return rivals
 
 
@@ -302,7 +260,7 @@ def _seconds(spans: Spans) -> tuple[Floats, Floats]:
     return spans.low / 1e6, spans.high / 1e6
 
 
-def chances_of_departures(
+def chances_of(
     setup: Setup,
     placed: AnyTime,
     numbers: NDArray[np.int64],
@@ -315,15 +273,15 @@ def chances_of_departures(
     movable = set(numbers.tolist())
     every = differences_of(setup, placed, numbers, horizon_us, waits=None)
     met = {
-        number: rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
+        number: _rivals_of(own, horizon_us, lambda other: known.get(other, _PLANNED))
         for number, own in every.of_each_track()
     }
     rows = [(a, b) for a, rivals in met.items() for b in rivals if b not in movable or b > a]
-    budget = Budget(len(rows))
-    pairs = {(a, b): chance_of_pair(known.get(a, PLANNED), met[a][b], budget) for a, b in rows}
+    budget = _Budget(len(rows))
+    pairs = {(a, b): _chance_of_pair(known.get(a, _PLANNED), met[a][b], budget) for a, b in rows}
     # From below and from above.
-    any_of, budget = {}, Budget(2 * len(met))
+    any_of, budget = {}, _Budget(2 * len(met))
     for a, rivals in met.items():
         bounds = [pairs[a, b] if (a, b) in pairs else pairs[b, a] for b in rivals]
-        any_of[a] = chance_of_any(known.get(a, PLANNED), list(rivals.values()), bounds, tail, budget)
+        any_of[a] = _chance_of_any(known.get(a, _PLANNED), list(rivals.values()), bounds, tail, budget)
     return pairs, any_of
