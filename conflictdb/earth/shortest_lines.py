@@ -18,7 +18,8 @@ DEVIATION_M: Final = 0.5
 # Waypoints or vertices along one line; longer ones only occur near the poles.
 MOST_PIECES: Final = 10_000
 _HIGHEST_DEG: Final = 89.0  # beyond, the plane of rhumb lines refuses the object
-_LEAST_CURVED_M: Final = WGS84_RADIUS_M * (1.0 - WGS84_FLATTENING) ** 2
+LEAST_CURVED_M: Final = WGS84_RADIUS_M * (1.0 - WGS84_FLATTENING) ** 2
+_POLAR_M: Final = WGS84_RADIUS_M * (1.0 - WGS84_FLATTENING)
 _STEPS: Final = 100
 _SMALL: Final = 1e-14
 
@@ -53,7 +54,7 @@ def _pieces(positions_deg: Floats, deviation_m: float) -> NDArray[np.int64]:
     angle = 2.0 * np.arcsin(np.sqrt(np.clip(half, 0.0, 1.0)))
     # The line comes no nearer to a pole than its higher end by half its length.
     highest = np.maximum(np.abs(lat[:-1]), np.abs(lat[1:])) + 0.5 * angle
-    curvature = np.tan(np.minimum(highest, np.radians(_HIGHEST_DEG))) / _LEAST_CURVED_M
+    curvature = np.tan(np.minimum(highest, np.radians(_HIGHEST_DEG))) / LEAST_CURVED_M
     length_m = 1.01 * WGS84_RADIUS_M * angle
     count = np.ceil(length_m * np.sqrt(curvature / (8.0 * deviation_m)))
     meridian = turn == 0.0
@@ -68,6 +69,55 @@ def _between(start: Floats, end: Floats, count: int) -> Floats:
     """
     if count == 1:
         return end[None]
+    f = WGS84_FLATTENING
+    first, azimuth, sine, sigma = _solved(start, end)
+    along = sigma * np.arange(1, count + 1) / count
+    sin_u, cos_u = np.sin(first), np.cos(first)
+    reduced = np.arcsin(np.clip(sin_u * np.cos(along) + cos_u * np.sin(along) * np.cos(azimuth), -1.0, 1.0))
+    on_sphere = np.arctan2(
+        np.sin(along) * np.sin(azimuth), cos_u * np.cos(along) - sin_u * np.sin(along) * np.cos(azimuth)
+    )
+    lon = start[0] + np.degrees(on_sphere - _excess(first, azimuth, sine, along))
+    lat = np.degrees(np.arctan(np.tan(reduced) / (1.0 - f)))
+    line = np.stack([lon, lat], axis=1)
+    line[-1] = end
+    return line
+
+
+def length_and_azimuth(start: Floats, end: Floats) -> tuple[float, float]:
+    """Return the length of a shortest line, metres, and its azimuth at its start, degrees clockwise from north.
+
+    Raises NoShortestLineError. T. Vincenty (see `_between`), eqs. 3, 4, 6 and 19.
+    """
+    first, azimuth, sine, sigma = _solved(start, end)
+    big_a, big_b = series(1.0 - sine**2)
+    begin = np.arctan2(np.tan(first), np.cos(azimuth))
+    less = arc_difference(big_b, np.cos(2.0 * begin + sigma), sigma)
+    return float(_POLAR_M * big_a * (sigma - less)), float(np.degrees(azimuth))
+
+
+def series(cos2_azimuth: Floats, flattening: float = WGS84_FLATTENING) -> tuple[Floats, Floats]:
+    """Return the coefficients A and B of a shortest line, from the cosine squared of its azimuth at the equator."""
+    u2 = cos2_azimuth * (1.0 / (1.0 - flattening) ** 2 - 1.0)
+    big_a = 1.0 + u2 / 16384.0 * (4096.0 + u2 * (-768.0 + u2 * (320.0 - 175.0 * u2)))
+    return np.asarray(big_a), u2 / 1024.0 * (256.0 + u2 * (-128.0 + u2 * (74.0 - 47.0 * u2)))
+
+
+def arc_difference(big_b: Floats, middle: Floats, sigma: Floats) -> Floats:
+    """Return how far an arc `sigma` on the sphere exceeds the length of the line, over A times the polar radius.
+
+    middle : the cosine of twice the arc from the equator to the middle of the line
+    """
+    inner = np.cos(sigma) * (2.0 * middle**2 - 1.0)
+    inner = inner - big_b / 6.0 * middle * (4.0 * np.sin(sigma) ** 2 - 3.0) * (4.0 * middle**2 - 3.0)
+    return np.asarray(big_b * np.sin(sigma) * (middle + big_b / 4.0 * inner))
+
+
+def _solved(start: Floats, end: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return reduced latitude and azimuth of the start, the sine of the azimuth at the equator, and the arc, radians.
+
+    They are those of the line on the sphere. Raises NoShortestLineError.
+    """
     f = WGS84_FLATTENING
     wanted = float(np.radians(shorter_way_deg(end[0] - start[0])))
     first, last = (np.arctan((1.0 - f) * np.tan(np.radians(at))) for at in (start[1], end[1]))
@@ -87,17 +137,7 @@ def _between(start: Floats, end: Floats, count: int) -> Floats:
             break
     else:
         raise NoShortestLineError
-    along = sigma * np.arange(1, count + 1) / count
-    sin_u, cos_u = np.sin(first), np.cos(first)
-    reduced = np.arcsin(np.clip(sin_u * np.cos(along) + cos_u * np.sin(along) * np.cos(azimuth), -1.0, 1.0))
-    on_sphere = np.arctan2(
-        np.sin(along) * np.sin(azimuth), cos_u * np.cos(along) - sin_u * np.sin(along) * np.cos(azimuth)
-    )
-    lon = start[0] + np.degrees(on_sphere - _excess(first, azimuth, sine, along))
-    lat = np.degrees(np.arctan(np.tan(reduced) / (1.0 - f)))
-    line = np.stack([lon, lat], axis=1)
-    line[-1] = end
-    return line
+    return first, azimuth, sine, sigma
 
 
 def _excess(first: Floats, azimuth: Floats, sine: Floats, sigma: Floats) -> Floats:

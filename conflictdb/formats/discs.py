@@ -22,6 +22,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
+from conflictdb.earth.shortest_lines import arc_difference, series
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import (
     MAX_LATITUDE_DEG,
@@ -172,17 +173,12 @@ def places_at(
     sigma_1 = np.arctan2(sin_u, cos_u * cosine)
     sin_alpha = cos_u * sine
     cos2_alpha = 1.0 - sin_alpha**2
-    u2 = cos2_alpha * (1.0 / (1.0 - f) ** 2 - 1.0)
-    big_a = 1.0 + u2 / 16384.0 * (4096.0 + u2 * (-768.0 + u2 * (320.0 - 175.0 * u2)))
-    big_b = u2 / 1024.0 * (256.0 + u2 * (-128.0 + u2 * (74.0 - 47.0 * u2)))
+    big_a, big_b = series(cos2_alpha, f)
     first = distance_m / (radius * (1.0 - f) * big_a)
     sigma = first
     for _ in range(8):  # each step gains three digits
         middle = np.cos(2.0 * sigma_1 + sigma)
-        inner = np.cos(sigma) * (2.0 * middle**2 - 1.0) - big_b / 6.0 * middle * (4.0 * np.sin(sigma) ** 2 - 3.0) * (
-            4.0 * middle**2 - 3.0
-        )
-        sigma = first + big_b * np.sin(sigma) * (middle + big_b / 4.0 * inner)
+        sigma = first + arc_difference(big_b, middle, sigma)
     middle = np.cos(2.0 * sigma_1 + sigma)
     sin_s, cos_s = np.sin(sigma), np.cos(sigma)
     lat = np.arctan2(

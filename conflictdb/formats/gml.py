@@ -6,20 +6,19 @@ radius by at most a thousandth; arcs that bulge inward are replaced by chords, w
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.arcs import Arc, joined, outward
 from conflictdb.formats.areas_of_files import Gathered, along_shortest_lines
-from conflictdb.formats.discs import MAX_RADIUS_M, places_at
+from conflictdb.formats.discs import MAX_RADIUS_M
 from conflictdb.formats.values_of_xml import number_of
 from conflictdb.formats.xml_text import Element
-from conflictdb.model.plans import METRES_PER_NMI, EarthModel
+from conflictdb.model.plans import METRES_PER_NMI
 
 Floats = NDArray[np.float64]
 
@@ -32,42 +31,8 @@ _LONGEST_SYSTEM: Final = 200
 _METRES: Final = {"m": 1.0, "km": 1000.0, "nm": METRES_PER_NMI, "[nmi_i]": METRES_PER_NMI, "ft": 0.3048, "mi": 1609.344}
 _LINES: Final = ("LineStringSegment", "LineString", "LinearRing")
 _GEODESICS: Final = ("GeodesicString", "Geodesic")
-# Corners of a full circle: half a thousandth of the radius, and no more than so many metres apart.
-_LEAST_CORNERS: Final = 128
-_MOST_APART_M: Final = 5_000.0
-# Ends of parts of a curve that are no further apart are one position; further, there is a gap.
-_SAME_DEG: Final = 2e-5
+# Ends of parts of a curve that are further apart leave a gap.
 _GAP_DEG: Final = 2e-3
-
-
-@dataclass(frozen=True, slots=True)
-class _Arc:
-    """An arc around a centre, from one azimuth to another, degrees clockwise from north."""
-
-    lon_deg: float
-    lat_deg: float
-    radius_m: float
-    start_deg: float
-    end_deg: float
-
-    def positions(self, *, is_outward: bool) -> Floats:
-        """Return positions (n, 2); those of an arc that bulges outward lie on its tangents, others on it."""
-        turn = self.end_deg - self.start_deg
-        corners = max(_LEAST_CORNERS, int(np.ceil(2.0 * np.pi * self.radius_m / _MOST_APART_M)))
-        count = max(2, int(np.ceil(abs(turn) / 360.0 * corners)))
-        step = turn / count
-        azimuth: Floats = self.start_deg + step * np.arange(count + 1, dtype=np.float64)
-        radius = self.radius_m
-        if is_outward:
-            azimuth = np.concatenate([azimuth[:1], azimuth[:-1] + 0.5 * step, azimuth[-1:]])
-            radius /= float(np.cos(np.radians(0.5 * abs(step))))
-        line = self._at(azimuth, radius)
-        line[[0, -1]] = self._at(azimuth[[0, -1]], self.radius_m)
-        return line
-
-    def _at(self, azimuth_deg: Floats, radius_m: float) -> Floats:
-        azimuth = np.radians(azimuth_deg)
-        return np.stack(places_at(self.lon_deg, self.lat_deg, radius_m, azimuth, EarthModel.WGS84), axis=1)
 
 
 class Geometries:
@@ -164,7 +129,7 @@ class Geometries:
     def _circle(self, ring: Element, order: bool | None) -> shapely.MultiPolygon | None:
         """Return a polygon around the circle that is all of a ring, None if the ring is another one."""
         parts = list(self._parts(ring, order))
-        if len(parts) != 1 or not isinstance(parts[0], _Arc) or abs(parts[0].end_deg - parts[0].start_deg) != 360.0:
+        if len(parts) != 1 or not isinstance(parts[0], Arc) or abs(parts[0].end_deg - parts[0].start_deg) != 360.0:
             return None
         arc = parts[0]
         return self.found.circle(self.who, arc.lon_deg, arc.lat_deg, arc.radius_m)
@@ -172,15 +137,7 @@ class Geometries:
     def _ring(self, ring: Element, order: bool | None, *, is_hole: bool = False) -> Floats:
         """Return the closed positions (n, 2) of an exterior or interior."""
         parts = list(self._parts(ring, order))
-        outline = self._joined(ring, parts, {})
-        east, north = np.diff(outline[:, 0]), outline[:-1, 1] + outline[1:, 1]
-        is_clockwise = float((east * north).sum()) > 0.0
-        ways = {
-            i: (part.end_deg > part.start_deg) == (is_clockwise != is_hole)
-            for i, part in enumerate(parts)
-            if isinstance(part, _Arc)
-        }
-        outline = self._joined(ring, parts, ways)
+        outline = self._joined(ring, parts, outward(self._joined(ring, parts, {}), parts, is_hole=is_hole))
         if np.abs(outline[0] - outline[-1]).max() > _GAP_DEG:
             raise self.refusal(ring, "must be closed: its last position must equal its first")
         outline[-1] = outline[0]
@@ -188,7 +145,7 @@ class Geometries:
             raise self.refusal(ring, f"needs at least three positions; got {len(outline) - 1}")
         return outline
 
-    def _parts(self, element: Element, order: bool | None) -> Iterator["Floats | _Arc"]:
+    def _parts(self, element: Element, order: bool | None) -> Iterator["Floats | Arc"]:
         """Yield the lines and arcs of a curve, in their order."""
         order = self._order(element, order)
         if element.name in _LINES:
@@ -205,7 +162,7 @@ class Geometries:
                     raise self.refusal(child, f"is elsewhere, in {child.attributes['href']:.80}")
                 yield from self._parts(child, order)
 
-    def _arc(self, element: Element, order: bool | None) -> _Arc:
+    def _arc(self, element: Element, order: bool | None) -> Arc:
         centre = self._positions(element, order)[0]
         radius = element.child("radius")
         unit = None if radius is None else radius.get("uom")
@@ -215,13 +172,13 @@ class Geometries:
         if not 0.0 < radius_m <= MAX_RADIUS_M:
             raise self.refusal(radius, f"must be above 0 and at most {MAX_RADIUS_M:,.0f} metres; got {radius_m:g}")
         if element.name == "CircleByCenterPoint":
-            return _Arc(float(centre[0]), float(centre[1]), radius_m, 0.0, 360.0)
+            return Arc(float(centre[0]), float(centre[1]), radius_m, 0.0, 360.0)
         angles = [self._angle(element, name) for name in ("startAngle", "endAngle")]
         if order is False:  # from east, counterclockwise, where longitude comes first
             angles = [90.0 - angle for angle in angles]
         if not 0.0 < abs(angles[1] - angles[0]) <= 360.0:
             raise self.refusal(element, "must span more than 0 and at most 360 degrees")
-        return _Arc(float(centre[0]), float(centre[1]), radius_m, *angles)
+        return Arc(float(centre[0]), float(centre[1]), radius_m, *angles)
 
     def _angle(self, element: Element, name: str) -> float:
         angle = element.child(name)
@@ -229,25 +186,17 @@ class Geometries:
             raise self.refusal(element, f"needs {name} in degrees")
         return number_of(self.who, f"{name} in line {angle.line}", angle.text)
 
-    def _joined(self, element: Element, parts: "list[Floats | _Arc]", ways: dict[int, bool]) -> Floats:
+    def _joined(self, element: Element, parts: "list[Floats | Arc]", ways: dict[int, bool]) -> Floats:
         """Return the positions (n, 2) of a curve of parts, each beginning where the one before ends.
 
         ways : whether arcs bulge outward, by their place
         """
-        lines: list[Floats] = []
-        for i, part in enumerate(parts):
-            line = part.positions(is_outward=ways.get(i, False)) if isinstance(part, _Arc) else part
-            if lines:
-                apart = float(np.abs(lines[-1][-1] - line[0]).max())
-                if apart > _GAP_DEG:
-                    raise self.refusal(element, f"has a gap of {apart:g} degrees between two parts of its curve")
-                if apart <= _SAME_DEG:
-                    line = line[1:]
-            lines.append(line)
-        if not lines or not sum(map(len, lines)):
+
+        def check_gap(apart_deg: float) -> None:
+            if apart_deg > _GAP_DEG:
+                raise self.refusal(element, f"has a gap of {apart_deg:g} degrees between two parts of its curve")
+
+        line = joined(parts, ways, check_gap)
+        if not len(line):
             raise self.refusal(element, "has no positions")
-        line = np.concatenate(lines)
-        turns = np.diff(line[:, 0])
-        if np.abs(turns).max(initial=0.0) > 180.0:  # over the antimeridian
-            line[1:, 0] = line[0, 0] + np.cumsum(shorter_way_deg(turns))
         return line

@@ -7,7 +7,7 @@ JSON or XML is a row of `dialects` instead.
 Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
 parses only
 - JSON and CSV, with Python's own parsers: linear time, nesting and cells bounded by Python, size by MAX_FILE_MB;
-- XML, with Python's Expat, without document types (`xml_text`); NOTAM, by regular expressions of linear time;
+- XML, with Python's Expat, without document types (`xml_text`); NOTAM and OpenAir, by patterns of linear time;
 - WKB, with GEOS, after a check of its structure (`wkb`);
 - the text of reference systems, with PROJ, which bounds nesting itself; `reference` bounds the rest.
 Numbers of columns, errors, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
@@ -16,7 +16,6 @@ Numbers of columns, errors, objects and corners of circles are bounded too (`con
 import codecs
 import gzip
 import math
-import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -43,6 +42,7 @@ from conflictdb.formats.contents import (
 )
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
+from conflictdb.formats.openair import is_openair, read_openair
 from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.rings import HalfTurns
@@ -58,10 +58,6 @@ MAX_FILE_MB: Final = 64.0
 
 # What columns may be mapped to.
 _FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
-# Airspaces begin with their class; then come a name, heights, or points.
-_OPEN_AIR: Final = re.compile(
-    r"^AC[ \t]+\S.*$(?:\s*^(?:\*.*|[A-Z]{2}[ \t].*)$)*?\s*^(?:AN|AH|AL|DP|DC|V)[ \t]", re.MULTILINE
-)
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 
 
@@ -235,11 +231,14 @@ class _File:
     def fastest_kn(self) -> float:
         return MAX_SPEED_KN if self.max_speed_kn is None else self.max_speed_kn
 
-    def text(self, *, may_have_layers: bool = False) -> str:
-        """Return its text; raises InvalidInput, also for layers of a format without any."""
+    def text(self, *, may_have_layers: bool = False, is_latin_1: Callable[[str], bool] = lambda _: False) -> str:
+        """Return its text; raises InvalidInput, also for layers of a format without any.
+
+        is_latin_1 : whether a text that is not UTF-8 is of a format that may be in ISO 8859-1
+        """
         if self.layers and not may_have_layers:
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
-        return _text(self.path, self.is_packed, self.max_file_mb)
+        return _text(self.path, self.is_packed, self.max_file_mb, is_latin_1)
 
 
 def _read(file: _File) -> Contents:
@@ -293,11 +292,18 @@ def _read_xml(file: _File) -> Contents:
 def _read_notam(file: _File) -> Contents:
     from conflictdb.formats.notam import read_notam
 
-    text = file.text()
-    if _OPEN_AIR.search(text):
-        rule = "is OpenAir, which is not read: convert it to KML, GeoPackage or AIXM, with the times of its airspaces"
-        raise InvalidInput("file", "", rule)
+    text = file.text(is_latin_1=is_openair)
+    if is_openair(text):
+        return _openair(file, text)
     return read_notam(text, str(file.path), skip_invalid=file.skip_invalid)
+
+
+def _read_openair(file: _File) -> Contents:
+    return _openair(file, file.text(is_latin_1=lambda _: True))
+
+
+def _openair(file: _File, text: str) -> Contents:
+    return read_openair(text, str(file.path), stem=stem(file.path), skip_invalid=file.skip_invalid)
 
 
 def _read_ogr(file: _File) -> Contents:
@@ -316,7 +322,8 @@ _READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
     **dict.fromkeys(_JSON, _read_json),
     **dict.fromkeys((".csv", ".tsv"), _read_rows),
     **dict.fromkeys(PARQUET, _read_parquet),
-    **dict.fromkeys((".txt", ".notam", ".openair", ".air"), _read_notam),
+    **dict.fromkeys((".txt", ".notam"), _read_notam),
+    **dict.fromkeys((".openair", ".air"), _read_openair),
     **dict.fromkeys((".rtz", ".xml", ".gml", ".s421", ".gpx"), _read_xml),
 }
 
@@ -338,7 +345,7 @@ def stem(path: Path) -> str:
     return name if name != path.name else path.stem
 
 
-def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
+def _text(path: Path, is_packed: bool, max_file_mb: float | None, is_latin_1: Callable[[str], bool]) -> str:
     most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
     limit = int(most_mb * 1e6)
     try:
@@ -356,4 +363,6 @@ def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if is_latin_1(text := data.decode("latin-1")):
+            return text
         raise InvalidInput("file", f"byte {error.start}", "must be UTF-8 text") from None

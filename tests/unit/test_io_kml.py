@@ -298,11 +298,3 @@ def test_tracks_of_kml_2_3_and_fixes_without_a_place(tmp_path: Path) -> None:
     (track,) = read(path).tracks
     assert track.positions_deg.tolist() == [[9.0, 57.0], [9.1, 57.0]]
     assert np.diff(track.times_us).tolist() == [7_200_000_000]
-
-
-@pytest.mark.parametrize("name", ["a.txt", "a.openair"])
-def test_open_air_is_refused_by_its_name(name: str, tmp_path: Path) -> None:
-    """It was refused as a NOTAM."""
-    (tmp_path / name).write_text("* made\nAC R\nAN EDR TEST\nAL GND\nAH FL95\nDP 57:00:00 N 010:00:00 E\n")
-    with pytest.raises(InvalidInput, match="is OpenAir, which is not read: convert it"):
-        read(tmp_path / name)

@@ -46,6 +46,10 @@ NOTAM = (
     "(A1485/26 NOTAMN Q) EDWW/QWMLW/IV/BO/W/000/100/5405N01030E010 A) EDWW B) 2603010600 C) 2603311800 EST "
     "E) WI 5NM RADIUS OF 540000N 0102000E F) SFC G) 10000FT AMSL)"
 )
+OPENAIR = (
+    "AC R\nAY TRA\nAN EDR 1\nAA 2026-06-01T10:00Z/2026-06-01T12:00Z\nAL 500ft AGL\nAH FL95\nV X=57:00:00 N 010:00:00 E\n"
+    "V D=-\nDA 5, 185, 155\nDP 56:50:00 N 010:05:00 E\nDB 57:06:00 N 010:00:00 E, 57:00:00 N 010:11:00 E\nDC 2.5\n"
+)
 SCHEDULE = '<schedule id="1"><manual><scheduleElement waypointId="1" etd="2026-03-01T06:00:00Z"/>'
 SCHEDULE += '<scheduleElement waypointId="2" speed="12" stay="PT1H"/>'
 SCHEDULE += '<scheduleElement waypointId="3" speed="9"/></manual></schedule>'
@@ -56,6 +60,7 @@ FILES = {
     "airspace.xml": AIXM,
     "warning.gml": S124,
     "a.notam": NOTAM,
+    "a.openair": OPENAIR,
 }
 TOKEN = re.compile(r"[A-Za-z_]+|-?\d+(?:\.\d+)?|[<>/=\"':.]")
 OTHERS = ("", "-1", "1e999", "nan", "999999999999999999999", "x", "é", "0", "<a/>", "2026", "-")
