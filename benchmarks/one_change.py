@@ -1,11 +1,12 @@
 """One change: the time from its commit until the conflicts are current.
 
-    ./.venv/bin/python benchmarks/one_change.py [--objects 5000 50000] [--changes 50] [--dsn DSN]
+    ./.venv/bin/python benchmarks/one_change.py [--objects 5000 50000] [--changes 50] [--events 0] [--dsn DSN]
 
 In a sea of constant density (made_scenes.py) a track is moved by a hundredth of a degree, and the scene detected,
 repeatedly: through the library on an open connection, before and right after a detection in full, and by a running
 worker, up to its notification. Results are medians by the clock, and processor seconds of client and server together,
-which vary less on a shared machine (measured.py); for the worker the clock alone.
+which vary less on a shared machine (measured.py); for the worker the clock alone. `--events` adds so many events of
+earlier detections first, as after months of use.
 """
 
 import argparse
@@ -28,6 +29,13 @@ SCENE: Final = "one change"
 MOVED: Final = """
 SELECT conflictdb.put_track(%(scene)s, t.key, ST_Translate(t.path, 0, %(by)s), t.outline)
 FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %(scene)s AND t.key = %(key)s
+"""
+EVENTS: Final = """
+INSERT INTO conflictdb.conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
+                                       periods, verdict, time_error_s)
+SELECT s.scene_id, 1, n, 'opened', now(), now(), 1, 'T' || n, 1, 'T' || n + 1, '{[2026-03-01,2026-03-02]}', 'conflict',
+       0
+FROM conflictdb.scene s, generate_series(1, %s) n
 """
 STEP_DEG: Final = 0.01
 # Before the measured changes: plans are made, and the pages read that all changes need.
@@ -88,10 +96,13 @@ def await_detection(listener: psycopg.Connection[Any]) -> None:
     raise TimeoutError("the worker does nothing")
 
 
-def measure(dsn: str, objects: int, times: int) -> None:
+def measure(dsn: str, objects: int, times: int, events: int) -> None:
     """Load a scene, change it, and print the times of changes."""
     with conflictdb.connect(dsn) as db:
         load(db, Scene(SCENE), sea(objects, 1))
+        db.connection.execute(EVENTS, [events])
+        db.connection.execute("ANALYZE conflictdb.conflict_event")
+        db.connection.commit()
         changes, clock = Changes(db.connection, times), processor_clock(db.connection) or time.process_time
 
         def detect() -> None:
@@ -117,13 +128,14 @@ def main() -> None:
     parser.add_argument("--dsn", help="server that databases may be made on (default: the embedded one)")
     parser.add_argument("--objects", type=int, nargs="*", default=[5_000, 50_000])
     parser.add_argument("--changes", type=int, default=50)
+    parser.add_argument("--events", type=int, default=0)
     args = parser.parse_args()
     for objects in args.objects:
         with fresh_database(args.dsn) as dsn:
             if objects == args.objects[0]:
                 with psycopg.connect(dsn) as conn:
                     print(versions(conn))
-            measure(dsn, objects, args.changes)
+            measure(dsn, objects, args.changes, args.events)
 
 
 if __name__ == "__main__":

@@ -117,13 +117,17 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._cover_all(p_scene_id bigint) RET
 LANGUAGE sql VOLATILE PARALLEL UNSAFE
 BEGIN ATOMIC
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
+    -- All objects of a new scene have marks.
     INSERT INTO change (scene_id, object_kind, object_id, version, is_covered)
-        SELECT p_scene_id, 0, a.area_id, nextval('version_seq'), true FROM area a WHERE a.scene_id = p_scene_id
-        UNION ALL
-        SELECT p_scene_id, 1, t.track_id, nextval('version_seq'), true FROM track t WHERE t.scene_id = p_scene_id;
+        SELECT p_scene_id, o.object_kind, o.object_id, nextval('version_seq'), true
+        FROM (SELECT 0 AS object_kind, a.area_id AS object_id FROM area a WHERE a.scene_id = p_scene_id
+              UNION ALL SELECT 1, t.track_id FROM track t WHERE t.scene_id = p_scene_id
+              EXCEPT
+              SELECT c.object_kind, c.object_id FROM change c
+              WHERE c.scene_id = p_scene_id AND c.is_covered AND c.with_number IS NULL) o;
 END;
 COMMENT ON FUNCTION _cover_all(bigint) IS
-'Marks every object of a scene as changed and covers all marks. For a full detection, which computes all pieces in the '
+'Marks each unmarked object of a scene as changed and covers all marks. For a full detection, which computes all pieces in the '
 'same transaction.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_change() RETURNS trigger

@@ -232,7 +232,7 @@ BEGIN
     -- transaction, or came first.
     PERFORM FROM scene s WHERE s.scene_id = p_scene_id FOR KEY SHARE;
     -- Outdated statistics could plan the next joins for an empty table.
-    IF p_changed > 1000 OR p_changed > (SELECT 0.1 * c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass) THEN
+    IF p_changed > (SELECT 0.1 * c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass) THEN
         ANALYZE piece;
     END IF;
 END

@@ -80,7 +80,8 @@ COMMENT ON FUNCTION _is_protected() IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._may_change(p_scene_id bigint) RETURNS boolean
 -- Not LANGUAGE sql, which would be planned at each call.
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     IF NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE') THEN
         RETURN true;

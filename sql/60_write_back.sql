@@ -37,7 +37,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_region(
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
 -- Planning takes ten times as long as running: plan once.
-SET plan_cache_mode = force_generic_plan AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0 AS $$
 DECLARE
     v_turn_m double precision := 2 * pi() * _radius_m(p_plane);
     -- Pieces from these versions on belong to other objects.
@@ -106,7 +106,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_of(
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Uses the indexes, whatever the statistics; planned once per session.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_sort = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET enable_sort = off SET jit = off AS $$
 BEGIN
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
            array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
@@ -328,7 +329,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._write_run(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Planned once per session, which takes longer than writing a few rows. The plan must not depend on statistics: lookups
 -- are forced below, all other joins are hash joins.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_early bigint[];

@@ -4,7 +4,8 @@
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._forget_differences(p_scene_id bigint, p_numbers bigint[]) RETURNS bytea
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_numbers bigint[] := p_numbers;
 BEGIN
@@ -44,7 +45,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- Forces the index join, as in _candidates.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_material = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET enable_material = off SET jit = off AS $$
 DECLARE
     v_horizon interval := p_horizon_us * interval '1 microsecond';
     v_near bigint[];
@@ -83,7 +85,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._first_stops(
     p_scene_id bigint, p_numbers bigint[], OUT number bigint, OUT departs_us bigint[]
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     -- OFFSET 0 forces an index lookup per track.
     RETURN QUERY

@@ -153,7 +153,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._known_delays(
 )
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
 -- With extra_float_digits, numbers keep all digits.
-SET extra_float_digits = 1 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET extra_float_digits = 1 SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_within int8range := int8range(-p_horizon_us, p_horizon_us, '[]');
@@ -219,7 +220,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._stored_differences(
     OUT others text[], OUT low_us bigint[], OUT high_us bigint[], OUT is_proven boolean[]
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_tracks bigint[];

@@ -98,7 +98,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._replaced_objects(p_scene_id bigi
 RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE ROWS 10 SET search_path FROM CURRENT
 -- Planning takes longer than the rest: once per session, for many objects.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     RETURN QUERY
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
@@ -126,7 +127,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 -- Only plain scans mark entries of an index that nobody needs: detections leave one for each object they have seen.
-SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET jit = off AS $$
+SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET jit = off AS $$
 DECLARE
     v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
                          FROM unnest(p_starts_us, p_ends_us) u (s, e));
@@ -307,7 +309,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
     p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_scene_id bigint := _scene_to_change(p_scene);

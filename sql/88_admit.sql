@@ -93,7 +93,8 @@ RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, perio
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 -- Planning takes as long as the rest: once per session. No bitmaps, as in _objects_near.
-SET plan_cache_mode = force_generic_plan SET enable_bitmapscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_bitmapscan = off SET jit = off AS $$
 DECLARE
     v_scene record;
     v_kinds smallint[];
@@ -482,7 +483,8 @@ CREATE OR REPLACE FUNCTION admit(
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- Planning takes as long as the rest: once per session.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     c_refused CONSTANT text := 'ZCR00';
     v_scene_id bigint;

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4fad277114473f38011807518f9b72b05d2b401d4be16fae25ad235d6709653a"
+routines_sha256 = "4bf985624393f14c4ed7b447a710dbd564b37302fe1a9c2fd0bf8ce5b9a78d17"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

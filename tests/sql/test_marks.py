@@ -170,3 +170,15 @@ def test_growth_and_outlines_are_changes(scene: Conn) -> None:
         scene.execute(statement.encode())
         assert marks(scene) == []
     assert len(seen) == len(statements)
+
+
+def test_full_detection_marks_only_objects_that_have_no_mark(scene: Conn) -> None:
+    """A new scene has a mark for each object: a second one would be written, indexed and deleted for nothing."""
+    cover = "SELECT _cover_all(scene_id) FROM scene"
+    scene.execute(cover)
+    assert marks(scene) == [("A", True), ("T", True)]
+    scene.execute("DELETE FROM change WHERE object_kind = 0")
+    scene.execute("UPDATE change SET with_number = 1")  # a mark of one pair does not stand for the object
+    scene.execute(cover)
+    covered = "SELECT object_kind FROM change WHERE is_covered AND with_number IS NULL ORDER BY 1"
+    assert scene.execute(covered).fetchall() == [(0,), (1,)]
