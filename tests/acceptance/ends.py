@@ -26,6 +26,7 @@ import shapely
 from exact_ends import Array, Circles, Fixed, Globe, Riders, gap, way_m
 
 from conflictdb import Area, Conflict, Scene, Track, Verdict, solve
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Intervals, Motion
 
 T0_US: Final = 1_780_000_000_000_000
@@ -34,9 +35,8 @@ EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 SLOT_US: Final = 20 * 86_400_000_000
 # Metres by which pairs are moved from where they touch.
 ASIDE_M: Final = (0.0, 1e-9, -1e-9, 1e-8, -1e-8, 4e-8, -4e-8, 1e-7, -1e-7, 1.5e-7, -1.5e-7, 3e-7, -3e-7, 1e-6, -1e-6)
-# Clearances within this of zero are within rounding; of distances on the earth also within the error of the reference.
+# Clearances within this of zero are within rounding.
 ROUNDING_M: Final = 2e-7
-WAY_ROUNDING_M: Final = 2e-6
 # Slower than this, m/s, pairs graze at that instant: their ends are not sharp.
 SLOWEST_MPS: Final = 1e-3
 # Reported ends are outward to the microsecond, and this much more or less.
@@ -244,7 +244,6 @@ class Truth:
 
 def truth(pairs: Pairs) -> Truth:
     at_s = pairs.at_s
-    rounding_m = WAY_ROUNDING_M if pairs.kind == "distance" else ROUNDING_M
     step = np.longdouble(1e-3)
     now, before, after = pairs.gap_m(at_s), pairs.gap_m(at_s - step), pairs.gap_m(at_s + step)
     rates = (now - before) / step, (after - now) / step
@@ -282,8 +281,12 @@ def truth(pairs: Pairs) -> Truth:
 
     closed = pairs.scene.intervals is Intervals.CLOSED
     is_last, is_first = ~has_side & (sign > 0), ~has_side & (sign < 0)
-    must = np.where(has_side, True, now < -rounding_m)
-    may = must | (np.abs(now) <= rounding_m)
+    must = np.where(has_side, True, now < -ROUNDING_M)
+    # A pair may be undecided up to the bound that is stated for distances on the earth.
+    doubt_m = ROUNDING_M
+    if pairs.kind == "distance":
+        doubt_m += float(Setup.of(pairs.scene).plane.distance_error_m(pairs.scene.separation_m))
+    may = must | (np.abs(now) <= doubt_m)
     # Contact at an excluded instant alone is none.
     must &= ~is_last | closed | (turn_s < at_s)
     near_s = np.where(sign < 0, np.minimum(turn_s, end), np.maximum(turn_s, start))

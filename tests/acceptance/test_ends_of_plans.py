@@ -1,6 +1,7 @@
 """Contacts that end, or begin, as a plan ends, to rounding."""
 
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import ends
 import numpy as np
@@ -8,7 +9,7 @@ import pyproj
 import pytest
 import shapely
 from draws import draws
-from exact_ends import Globe, Riders, way_m
+from exact_ends import RADIUS_M, Globe, Riders, way_m
 from mpmath import mp, mpf
 from precise import PreciseGlobe, precise_legs
 
@@ -73,7 +74,13 @@ def test_the_motion_in_long_double_is_that_in_forty_digits(earth: EarthModel) ->
                     assert abs(mpf(np.format_float_positional(x, unique=False, precision=20)) - y) < 1e-9
 
 
-def test_ways_in_long_double_are_geodesics() -> None:
-    one, other = np.array([[10.0, 50.0]], np.longdouble), np.array([[10.1, 50.1]], np.longdouble)
-    geodesic_m = pyproj.Geod(ellps="WGS84").inv(10.0, 50.0, 10.1, 50.1)[2]
-    assert abs(float(way_m(Globe.of(EarthModel.WGS84), one, other)[0]) - geodesic_m) < 1e-8
+@pytest.mark.parametrize(("earth", "figure"), [("wgs84", {"ellps": "WGS84"}), ("sphere", {"a": float(RADIUS_M), "f": 0.0})])
+def test_ways_in_long_double_are_geodesics(earth: str, figure: dict[str, Any]) -> None:
+    """To the rounding of the library, some nanometres, at the lengths of `ends.py`."""
+    geodesics, rng = pyproj.Geod(**figure), np.random.default_rng(3)
+    one = rng.uniform([-170.0, -74.0], [170.0, 74.0], (200, 2))
+    lon, lat, _ = geodesics.fwd(*one.T, rng.uniform(-180.0, 180.0, 200), 10.0 ** rng.uniform(2.0, 5.0, 200))
+    other = np.stack([lon, lat], axis=1)
+    _, _, expected_m = geodesics.inv(*one.T, *other.T)
+    found_m = way_m(Globe.of(EarthModel(earth)), one.astype(np.longdouble), other.astype(np.longdouble))
+    assert np.abs(found_m.astype(np.float64) - expected_m).max() < 2e-8
