@@ -425,8 +425,8 @@ class Delays:
         departed. `forbidden` has the whole horizon.
     clear_within_m : the range of `clear_by_m`; None: not asked for
     clear_by_m, clear_error_m : how much farther than the required separation it stays, as planned, from everything that
-        shares its time and heights, metres, and the error: 0 if it is in conflict, None beyond the range. Where it
-        could not be computed it is 0, and the error None
+        shares its heights and, within the separation in time, its time, metres, and the error: 0 if it is in conflict,
+        None beyond the range. Where it could not be computed it is 0, and the error None
     """
 
     key: str

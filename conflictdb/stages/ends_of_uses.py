@@ -27,8 +27,8 @@ ROUNDING_US: Final = 0.1
 _AIM_S: Final = 1e-3
 # So far on either side of guesses a bisection goes first, seconds: rounding, curved sweeps, havens that change.
 _ASIDE_S: Final = 4e-4, 0.05, 2.0
-# Factor between the times within which a contact next to an end is looked for.
-_LADDER: Final = 10.0
+# Factor between the times, or distances, within which a contact next to a bound is looked for.
+LADDER: Final = 10.0
 
 
 def ends_of(
@@ -81,7 +81,7 @@ def ends_of(
         is_met = np.maximum(first, ROUNDING_US - within_us) <= np.minimum(last, within_us - ROUNDING_US)
         is_met |= until >= length[rows]
         error[rows[is_met]] = (until - low[rows])[is_met]
-        rows, step = rows[~is_met], max(_LADDER * step, _AIM_S)
+        rows, step = rows[~is_met], max(LADDER * step, _AIM_S)
     at = np.where(end % 2 == 0, starts + low, stops - low).reshape(4, n)
     return at, error.reshape(4, n).max(axis=0, initial=0.0)
 

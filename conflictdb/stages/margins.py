@@ -15,12 +15,15 @@ from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import MAX_DISTANCE_M, Scene
+from conflictdb.model.results import Kind
 from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import is_covered, pieces_of
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.stage1_broad_phase import hulls_of, pairs_together
+from conflictdb.stages.stage1_broad_phase import hulls_of, is_together, pairs_together
 from conflictdb.stages.stage4.closest_approach import Approaches, approaches
+from conflictdb.stages.uses import with_wide_areas
+from conflictdb.stages.uses_of_tracks import least_reach
 
 # Distances are computed to this, metres.
 _AIM_M: Final = 1e-3
@@ -38,8 +41,8 @@ def widened(scene: Scene, within_m: float) -> Scene:
 def least_margins(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
     """Return by how much tracks (n,) exceed the required separation of each pair, and the errors, metres.
 
-    Pairs share time and heights. The true margin is within the error. Beyond `within_m` it is infinite; where it could
-    not be computed, the error is infinite.
+    Pairs share time, or come within the separation in time, and heights. The true margin is within the error. Beyond
+    `within_m` it is infinite; where it could not be computed, the error is infinite.
 
     setup : which the pieces were made with
     pieces : of all objects
@@ -74,7 +77,8 @@ def _of_some(
     others = object_numbers(mine)[row] != number[other]
     others &= (mine.owner_number[row] != pieces.owner_number[other]) | (mine.owner_number[row] == 0)
     both = Pieces.concatenate([mine, pieces])
-    a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]))
+    within_us = max(settings.time_separation_us for settings in separations.settings)
+    a, b = pairs_together(both.meeting_within(within_us), PieceRows(row[others]), PieceRows(len(mine) + other[others]))
     near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
     a, b = PieceRows(a[near]), PieceRows(b[near])
     if (separations.of_types == 0).all():
@@ -85,6 +89,7 @@ def _of_some(
         own = separations.of_settings(settings, both)
         one, other = PieceRows(a[few]), PieceRows(b[few])
         keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
+        keep &= is_together(own.meeting_within(settings.time_separation_us), one, other)
         one, other = PieceRows(one[keep]), PieceRows(other[keep])
         found.append(_of_pairs(plane, settings, own, one, other, owner, within_m))
     margins_m, errors_m = (np.array(some) for some in zip(*found, strict=True))
@@ -105,13 +110,29 @@ def _of_pairs(
     within_m: float,
 ) -> tuple[Floats, Floats]:
     """Return least margins of tracks in pairs of one required separation, and the errors."""
-    limit_m = settings.separation_m + within_m
+    limit_m, within_us = settings.separation_m + within_m, settings.time_separation_us
     covered = is_covered(pieces, a, b)
-    found = _closest(plane, pieces, PieceRows(a[~covered]), PieceRows(b[~covered]), owner[a[~covered]], limit_m)
+    # A track and another one may be at one place at two times, an area is there for longer.
+    of_tracks = ~covered & (pieces.kind[b] == Kind.TRACK.code) & (within_us > 0)
+    one, other = (PieceRows(member[~covered & ~of_tracks]) for member in (a, b))
+    lasting = with_wide_areas(pieces, within_us) if within_us else pieces
+    found = _closest(plane, lasting, one, other, owner[one], limit_m)
     is_unknown = np.isnan(found.distance_m)
     is_unknown[owner[a[covered]]] = True
     distance_m = np.where(is_unknown, 0.0, found.distance_m)
     error_m = np.where(is_unknown, np.inf, np.where(np.isinf(distance_m), 0.0, found.error_m))
+    if of_tracks.any():
+        one, other = PieceRows(a[of_tracks]), PieceRows(b[of_tracks])
+        low_m, high_m = distance_m - error_m, distance_m + error_m
+        prepared = kernel.KernelScene(plane.kernel_plane, pieces, one, other)
+        for track in np.unique(owner[one]).tolist():
+            rows = np.flatnonzero(owner[one] == track)
+            own = least_reach(prepared, PieceRows(one[rows]), PieceRows(other[rows]), within_us, limit_m, _AIM_M)
+            low_m[track], high_m[track] = min(low_m[track], own[0]), min(high_m[track], own[1])
+        is_open = np.isinf(high_m) & np.isfinite(low_m)
+        with np.errstate(invalid="ignore"):
+            distance_m = np.where(is_open, low_m, 0.5 * (low_m + high_m))
+            error_m = np.where(is_open, np.inf, np.where(np.isinf(low_m), 0.0, 0.5 * (high_m - low_m)))
     return np.where(distance_m > limit_m, np.inf, distance_m - settings.separation_m), error_m
 
 

@@ -23,7 +23,7 @@ from conflictdb.kernel.meeting import meetings
 from conflictdb.model.results import Verdict
 from conflictdb.stages.climbs import surely_overlap, with_heights
 from conflictdb.stages.delays import solved_shifts
-from conflictdb.stages.ends_of_uses import ROUNDING_US, ends_of, guessed_ends, shifted
+from conflictdb.stages.ends_of_uses import LADDER, ROUNDING_US, ends_of, guessed_ends, shifted
 from conflictdb.stages.uses import Uses
 
 _Ints = NDArray[np.int64]
@@ -50,6 +50,48 @@ def uses_of_tracks(
     """
     some = (PairRows(rows[first : first + _AT_ONCE]) for first in range(0, max(len(rows), 1), _AT_ONCE))
     return Uses.concatenate([one for few in some for one in _of_some(setup, prepared, pairs, few, work, threads)])
+
+
+def least_reach(
+    prepared: kernel.KernelScene, a: PieceRows, b: PieceRows, within_us: int, limit_m: float, aim_m: float
+) -> tuple[float, float]:
+    """Return two bounds on the least distance of tracks at instants at most `within_us` apart, metres.
+
+    Both are infinite if it is beyond the limit; the second one is infinite if it is not known to be less.
+
+    a, b : (n,) pairs of pieces of tracks, without covers
+    aim_m : how close the bounds should be
+    """
+    work = kernel.Work()
+    _, shifts, doubt_s = with_heights(prepared.pieces, _shifts(prepared.pieces, a, b, within_us))
+
+    def near(reach_m: float) -> tuple[_Ints, _Ints]:
+        """Return pairs that may come within a reach, and those that do."""
+        row, found = _solved(prepared, shifts, reach_m, within_us, work, 1)
+        between_us = (shifts.b_zero_us - shifts.a_zero_us)[row]
+        low, high = _outer_us(found, between_us)
+        is_sure = _is_sure(found, between_us, within_us) & np.isfinite(doubt_s[row])
+        return np.unique(row[(low <= within_us) & (high >= -within_us)]), row[is_sure]
+
+    low_m, high_m, met = 0.0, limit_m, near(limit_m)[0]
+    if not met.size:
+        return np.inf, np.inf
+    while True:
+        shifts, doubt_s = shifts.take(met), doubt_s[met]
+        if high_m - low_m <= aim_m:
+            break
+        middle_m = 0.5 * (low_m + high_m)
+        met, _ = near(middle_m)
+        if met.size:
+            high_m = middle_m
+        else:
+            low_m, met = middle_m, np.arange(len(shifts))
+    step_m = aim_m
+    while not near(high_m)[1].size:
+        if high_m >= limit_m:
+            return low_m, np.inf
+        high_m, step_m = min(high_m + step_m, limit_m), LADDER * step_m
+    return low_m, high_m
 
 
 def _of_some(

@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
 from conflictdb.earth.registry import Setup
+from conflictdb.model.inputs import certain
 from conflictdb.model.rules import Rule
 from conflictdb.stages import margins
 from conflictdb.stages.pieces import covers
@@ -141,3 +143,41 @@ def test_a_distance_that_is_unknown_is_no_margin(monkeypatch: pytest.MonkeyPatch
 def test_a_range_that_is_none_is_refused(within_m: float) -> None:
     with pytest.raises(InvalidInput, match="clear_within_m"):
         delays([track("a", 0.0)], [Area("b", [(0, 0), (1, 0), (0, 1)])], clear_within_m=within_m)
+
+
+def test_margins_with_a_separation_in_time_are_those_of_moved_copies() -> None:
+    """The nearest approach of a copy that is earlier or later by at most that time."""
+    within_s, range_m, count = 300.0, 60_000.0, 0
+    scene, areas, tracks = throw(SEAM, 2, 2, 5, separation_m=200.0)
+    for one in delays(tracks, areas, replace(scene, time_separation_s=within_s), clear_within_m=range_m):
+        assert one.clear_by_m is None or one.clear_error_m is not None
+        least_m = np.inf
+        [own] = [some for some in tracks if some.key == one.key]
+        others = [some for some in tracks if some.key != one.key]
+        for by_s in np.linspace(-within_s, within_s, 11).tolist():
+            copy = replace(own, times_us=own.times_us + round(1e6 * by_s), max_speed_kn=np.inf)
+            near = solve([copy, *others], areas, replace(scene, nearest_m=200.0 + range_m))
+            distances = [pair.closest_m for pair in near if one.key in (pair.a_key, pair.b_key)]
+            least_m = min(least_m, *[(at or 0.0) - 200.0 for at in distances], np.inf)
+        by_m = np.inf if one.clear_by_m is None else one.clear_by_m
+        # Between two copies they move by less than this.
+        assert max(least_m, 0.0) - 3000.0 <= by_m <= max(least_m, 0.0) + (one.clear_error_m or 0.0) + 0.01, one.key
+        count += 0.0 < by_m < np.inf
+    assert count > 0
+
+
+def test_a_track_that_follows_within_the_separation_in_time_counts() -> None:
+    """Both sail one way; the second one 600 s later, 1105.74 m beside it. An area ends before the first one departs."""
+    first, second = track("first", 0.0), track("second", 0.01)
+    second = replace(second, times_us=second.times_us + 20_000_000_000)
+    scene = Scene("s", time_separation_s=20_000.0, separation_m=100.0)
+    found = delays([first, second], [], scene, clear_within_m=5000.0)
+    assert [one.clear_by_m for one in found] == pytest.approx([1105.74 - 100.0] * 2, abs=0.1)
+    assert all(one.clear_error_m is not None and one.clear_error_m <= 0.01 for one in found)
+    found = delays([first, second], [], replace(scene, time_separation_s=9_000.0), clear_within_m=5000.0)
+    assert [one.clear_by_m for one in found] == [None, None]
+    ends_us = int(first.times_us[0]) - 60_000_000
+    box = shapely.box(0.2, 0.02, 0.3, 0.03)
+    area = Area("area", box, end_us=certain(ends_us))
+    [one] = delays([first], [area], replace(scene, time_separation_s=9_000.0), clear_within_m=5000.0)
+    assert one.clear_by_m == pytest.approx(2211.49 - 100.0, abs=0.1)
