@@ -1,7 +1,6 @@
 """Contacts that end, or begin, as a plan ends, to rounding."""
 
 from datetime import UTC, datetime, timedelta
-from typing import Any
 
 import ends
 import numpy as np
@@ -74,13 +73,14 @@ def test_the_motion_in_long_double_is_that_in_forty_digits(earth: EarthModel) ->
                     assert abs(mpf(np.format_float_positional(x, unique=False, precision=20)) - y) < 1e-9
 
 
-@pytest.mark.parametrize(("earth", "figure"), [("wgs84", {"ellps": "WGS84"}), ("sphere", {"a": float(RADIUS_M), "f": 0.0})])
-def test_ways_in_long_double_are_geodesics(earth: str, figure: dict[str, Any]) -> None:
+@pytest.mark.parametrize("earth", EarthModel)
+def test_ways_in_long_double_are_geodesics(earth: EarthModel) -> None:
     """To the rounding of the library, some nanometres, at the lengths of `ends.py`."""
-    geodesics, rng = pyproj.Geod(**figure), np.random.default_rng(3)
+    geodesics = pyproj.Geod(ellps="WGS84") if earth is EarthModel.WGS84 else pyproj.Geod(a=float(RADIUS_M), f=0.0)
+    rng = np.random.default_rng(3)
     one = rng.uniform([-170.0, -74.0], [170.0, 74.0], (200, 2))
     lon, lat, _ = geodesics.fwd(*one.T, rng.uniform(-180.0, 180.0, 200), 10.0 ** rng.uniform(2.0, 5.0, 200))
     other = np.stack([lon, lat], axis=1)
     _, _, expected_m = geodesics.inv(*one.T, *other.T)
-    found_m = way_m(Globe.of(EarthModel(earth)), one.astype(np.longdouble), other.astype(np.longdouble))
+    found_m = way_m(Globe.of(earth), one.astype(np.longdouble), other.astype(np.longdouble))
     assert np.abs(found_m.astype(np.float64) - expected_m).max() < 2e-8

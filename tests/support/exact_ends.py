@@ -244,8 +244,8 @@ def _beyond(mine: Array, other: Array) -> Array:
 def way_m(globe: Globe, one: Array, other: Array) -> Array:
     """Length (n,) of the shortest way between places (n, 2), degrees, up to some hundred kilometres.
 
-    By the auxiliary sphere (F. W. Bessel, 1825). Its two integrals are computed by quadrature, not by series: Vincenty's
-    end at the third power of the flattening and are off by up to a micrometre.
+    By the auxiliary sphere (F. W. Bessel, 1825). Its two integrals are computed by quadrature: Vincenty's series end at
+    the third power of the flattening and are off by up to a micrometre.
     """
     root = np.sqrt(1 - globe.e2)
     (lon1, lat1), (lon2, lat2) = (place.T * DEGREE for place in (one, other))
