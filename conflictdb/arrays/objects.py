@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_take, stacked
-from conflictdb.arrays.words import numbers_of_words
+from conflictdb.arrays.words import numbers_of_plans
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
+from conflictdb.model.plan_columns import AREA, TRACK
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track, has_unknown_times
 
 
@@ -88,7 +89,7 @@ class AreaBatch:
     footprint : (n,) object, shapely MultiPolygon in degrees
     active : spans; none: the area is never active
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
-    class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
+    words : (n, k) int64, numbers of the values of WORDS, 0 without
     flat : (n,) object, the footprints in the scene's plane; None: not computed
     """
 
@@ -98,12 +99,21 @@ class AreaBatch:
     active: Activations
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
-    class_number: NDArray[np.int64]
-    owner_number: NDArray[np.int64]
+    words: NDArray[np.int64]
     flat: NDArray[np.object_] | None = None
 
     def __len__(self) -> int:
         return len(self.area_id)
+
+    @property
+    def class_number(self) -> NDArray[np.int64]:
+        """The number of the class of each (n,)."""
+        return self.words[:, 0]
+
+    @property
+    def owner_number(self) -> NDArray[np.int64]:
+        """The number of the owner of each (n,)."""
+        return self.words[:, 1]
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the areas of some rows."""
@@ -125,8 +135,7 @@ class AreaBatch:
             _activations(areas, [None if a.spans_us is None else _spans(a) for a in areas], outer_spans(areas)),
             np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
-            numbers_of_words([a.object_class for a in areas]),
-            numbers_of_words([a.owner for a in areas]),
+            numbers_of_plans(AREA, areas),
             flat,
         )
 
@@ -197,7 +206,7 @@ class TrackBatch:
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
     tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
-    class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
+    words : (n, k) int64, numbers of the values of WORDS, 0 without
     departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
     legs : the legs of all tracks in the scene's plane; None: not computed
     """
@@ -215,13 +224,22 @@ class TrackBatch:
     outlines_offset: NDArray[np.int64]
     outlines_m: NDArray[np.float64]
     tolerances: NDArray[np.object_]
-    class_number: NDArray[np.int64]
-    owner_number: NDArray[np.int64]
+    words: NDArray[np.int64]
     departs: Activations
     legs: Legs | None = None
 
     def __len__(self) -> int:
         return len(self.track_id)
+
+    @property
+    def class_number(self) -> NDArray[np.int64]:
+        """The number of the class of each (n,)."""
+        return self.words[:, 0]
+
+    @property
+    def owner_number(self) -> NDArray[np.int64]:
+        """The number of the owner of each (n,)."""
+        return self.words[:, 1]
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the tracks of some rows."""
@@ -243,8 +261,7 @@ class TrackBatch:
             outlines_offset,
             outlines_m,
             self.tolerances[rows],
-            self.class_number[rows],
-            self.owner_number[rows],
+            self.words[rows],
             self.departs.take(rows),
         )
 
@@ -294,8 +311,7 @@ class TrackBatch:
             offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
             tolerances,
-            numbers_of_words([t.object_class for t in tracks]),
-            numbers_of_words([t.owner for t in tracks]),
+            numbers_of_plans(TRACK, tracks),
             _departures([] if once else tracks, np.array([t.times_us[0] for t in tracks], np.int64)),
         )
 

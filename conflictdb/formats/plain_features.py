@@ -35,7 +35,8 @@ from conflictdb.formats.instants import parse_instant, parse_plain
 from conflictdb.formats.json_text import check_storable, check_text
 from conflictdb.formats.names import misnamed
 from conflictdb.model import many
-from conflictdb.model.plans import MIN_INSTANT_US, Area, Track, check_ruled, rectangle_outline_m
+from conflictdb.model.plans import MIN_INSTANT_US, Area, Track, rectangle_outline_m
+from conflictdb.model.rules import class_rule, word_rule
 
 _FEATURE: Final = frozenset({"type", "id", "geometry", "properties"})
 _GEOMETRY: Final = frozenset({"type", "coordinates"})
@@ -276,7 +277,7 @@ def _word(name: str, value: Any) -> str | None:
         return None
     _require(type(value) is str)
     check_text("", name, value)
-    check_ruled("", value if name == "class" else None, value)
+    _require((class_rule if name == "class" else word_rule)(value) is None)
     return str(value)
 
 

@@ -6,9 +6,9 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar, cast
 
 import numpy as np
 import shapely
@@ -21,7 +21,8 @@ from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
 from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.rules import Rule, RuleTable, check_class, check_word
+from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
+from conflictdb.model.rules import Rule, RuleTable
 from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, SettingType, checked, datum_named
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Intervals as Intervals
@@ -65,6 +66,24 @@ POLE_RULE: Final = (
 )
 # A scene that does not say gets the earth of its motion.
 _BY_MOTION: Final = cast(EarthModel, None)
+
+
+_AREA_COLUMNS: Final = checked_columns(AREA)
+_TRACK_COLUMNS: Final = checked_columns(TRACK)
+_Class = TypeVar("_Class")
+
+
+def _with_columns(kind: str) -> Callable[[type[_Class]], type[_Class]]:
+    """Return a decorator that gives a class a field for each column that it does not have."""
+
+    def decorated(of: type[_Class]) -> type[_Class]:
+        for column in columns_of(kind):
+            if column.field not in of.__annotations__:
+                of.__annotations__[column.field] = Any
+                setattr(of, column.field, column.absent)
+        return of
+
+    return decorated
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +186,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
+@_with_columns(AREA)
 class Area:
     """A polygon that is closed for a time.
 
@@ -233,11 +253,8 @@ class Area:
                 check_schedule(who, self.schedule)
         _keep_heights(who, self, refusals)
         with refusals:
-            _check_name(who, self.name)
-        with refusals:
             _check_properties(who, self.properties)
-        with refusals:
-            check_ruled(who, self.object_class, self.owner)
+        _check_columns(who, self, _AREA_COLUMNS, refusals)
         refusals.raise_found()
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
@@ -260,6 +277,7 @@ class Area:
 
 
 @dataclass(frozen=True, slots=True)
+@_with_columns(TRACK)
 class Track:
     """A convex polygon (the haven) carried along waypoints at constant speed on each leg.
 
@@ -353,11 +371,8 @@ class Track:
                 _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
         _keep_heights(who, self, refusals)
         with refusals:
-            _check_name(who, self.name)
-        with refusals:
             _check_properties(who, self.properties)
-        with refusals:
-            check_ruled(who, self.object_class, self.owner)
+        _check_columns(who, self, _TRACK_COLUMNS, refusals)
         for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
             if given is not None:
                 with refusals:
@@ -608,20 +623,18 @@ def datum_rule(stated: Any, datum: VerticalDatum) -> str:
     return f"must be {datum.value!r}, the scene's, for an object with heights: {remedy}; got {stated!r:.60}"
 
 
-def _check_name(who: str, name: object) -> None:
-    if name is not None and not isinstance(name, str):
-        raise InvalidInput(who, "name", f"must be a text, or absent; got {name!r:.60}")
-
-
 def _check_properties(who: str, properties: object) -> None:
     if not isinstance(properties, Mapping):
         raise InvalidInput(who, "properties", f"must be a mapping of names to values; got {properties!r:.60}")
 
 
-def check_ruled(who: str, object_class: Any, owner: Any) -> None:
-    """Raise InvalidInput for an invalid class or owner; None is valid."""
-    check_class(who, "class", object_class)
-    check_word(who, "owner", owner)
+def _check_columns(who: str, one: Area | Track, columns: tuple[PlanColumn, ...], refusals: Refusals) -> None:
+    """Check the columns whose rule needs no other; errors are added."""
+    for column in columns:
+        rule = column.broken(getattr(one, column.field))
+        if rule is not None:
+            with refusals:
+                raise InvalidInput(who, column.members[0], rule)
 
 
 def _check_height(who: str, name: str, value: float | None) -> None:

@@ -220,13 +220,28 @@ def members_of(rule: Rule) -> dict[str, Any]:
 
 def check_class(who: str, field: str, value: Any) -> None:
     """Raise InvalidInput unless a value is None or the name of a class."""
-    check_word(who, field, value)
-    if value in KINDS:
-        rule = f"must not be {value!r}, which separation rules use for all {value}s: choose another name"
-        raise InvalidInput(who, field, rule)
+    _check(who, field, None if value is None else class_rule(value))
 
 
 def check_word(who: str, field: str, value: Any) -> None:
     """Raise InvalidInput unless a value is None or may name a class or an owner."""
-    if value is not None and not (isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES):
-        raise InvalidInput(who, field, f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}")
+    _check(who, field, None if value is None else word_rule(value))
+
+
+def class_rule(value: Any) -> str | None:
+    """Return the rule that a value breaks as the name of a class; None: valid."""
+    if word_rule(value) is None and value in KINDS:
+        return f"must not be {value!r}, which separation rules use for all {value}s: choose another name"
+    return word_rule(value)
+
+
+def word_rule(value: Any) -> str | None:
+    """Return the rule that a value breaks as the name of a class or an owner; None: valid."""
+    if isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES:
+        return None
+    return f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}"
+
+
+def _check(who: str, field: str, rule: str | None) -> None:
+    if rule is not None:
+        raise InvalidInput(who, field, rule)

@@ -7,7 +7,7 @@ calls:
     begin_locked; the calls of `stored_pairs`, `known_pairs` and `write_rows`; commit
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.words import WORDS
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.stored_bundles import by_place, columns
@@ -35,14 +36,14 @@ from conflictdb.db.store.stored_objects import (
     decode_tolerances,
 )
 from conflictdb.model.plans import heights_of_legs
+from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.bundling import bundles_of
 
 # Pieces encoded at once: some megabytes, and many per COPY.
 _PIECES_SENT: Final = 20_000
 # The columns of _area_row and _track_row, besides strings.
-_NUMBERS: Final = [("class_number", "i8"), ("owner_number", "i8")]
-AREA_ROW: Final = [*AREA_COLUMNS, *_NUMBERS]
-TRACK_ROW: Final = [*TRACK_COLUMNS, *_NUMBERS]
+AREA_ROW: Final = [*AREA_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.AREA])]
+TRACK_ROW: Final = [*TRACK_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.TRACK])]
 # Smaller than every object id.
 _FIRST: Final = -(2**63)
 
@@ -92,9 +93,13 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         ),
         columns["floor_m"],
         columns["ceiling_m"],
-        columns["class_number"],
-        columns["owner_number"],
+        _words(Kind.AREA, columns),
     )
+
+
+def _words(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return the numbers (n, k) of WORDS in rows."""
+    return np.column_stack([columns[f"{one.name}_number"] for one in WORDS[kind]])
 
 
 def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -136,8 +141,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         outlines_offset,
         outlines_m,
         tolerances,
-        columns["class_number"],
-        columns["owner_number"],
+        _words(Kind.TRACK, columns),
         decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
     )
 

@@ -8,11 +8,11 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
-from conflictdb.arrays.words import numbers_of_words
+from conflictdb.arrays.words import WORDS, number_of
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call
 from conflictdb.db.store.detections import area_batch, track_batch
-from conflictdb.db.store.stored_objects import each_area_row, each_track_row
+from conflictdb.db.store.stored_objects import each_area_row, each_track_row, value_of
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.digests import area_digests, track_digests
 
@@ -61,19 +61,22 @@ def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
     """Return the states of a scene's objects, as the transaction sees them; reads in chunks."""
     parts: list[tuple[NDArray[Any], ...]] = []
     for columns, strings in each_area_row(conn, scene_id):
-        areas = area_batch(_with_numbers(columns, strings), strings)
+        areas = area_batch(_with_numbers(Kind.AREA, columns, strings), strings)
         parts.append(_states(Kind.AREA, areas.area_id, areas.version, area_digests(areas), strings["key"]))
     for columns, strings in each_track_row(conn, scene_id):
-        tracks = track_batch(_with_numbers(columns, strings), strings)
+        tracks = track_batch(_with_numbers(Kind.TRACK, columns, strings), strings)
         parts.append(_states(Kind.TRACK, tracks.track_id, tracks.version, track_digests(tracks), strings["key"]))
     return ObjectStates.of(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _with_numbers(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> dict[str, NDArray[Any]]:
-    """Return columns with the numbers of classes and owners."""
-    named = {"class_number": strings["class"], "owner_number": strings["owner"]}
-    numbers = {name: numbers_of_words([one.decode() or None for one in words]) for name, words in named.items()}
-    return columns | numbers
+def _with_numbers(
+    kind: Kind, columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
+) -> dict[str, NDArray[Any]]:
+    """Return columns with the numbers of their words."""
+    return columns | {
+        f"{one.name}_number": np.array([number_of(value_of(one, sent)) for sent in strings[one.name]], np.int64)
+        for one in WORDS[kind]
+    }
 
 
 def _states(kind: Kind, *columns: Any) -> tuple[NDArray[Any], ...]:

@@ -21,6 +21,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
+from conflictdb.model.plan_columns import Form, PlanColumn
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
 from conflictdb.model.rules import members_of, rule_of
 from conflictdb.model.settings import SETTINGS, SettingType
@@ -416,6 +417,13 @@ def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
         return None
     heights = copy_binary.float8_array(sent)
     return np.where(np.isnan(heights), unbounded, heights)
+
+
+def value_of(column: PlanColumn, sent: bytes) -> Any:
+    """Return the value of a plain column in a row of `_read_areas` or `_read_tracks`; None for no bytes."""
+    if not sent:
+        return None
+    return sent.decode() if column.form is Form.WORD else json.loads(sent)
 
 
 def decode_tolerances(sent: bytes) -> dict[str, Any] | None:

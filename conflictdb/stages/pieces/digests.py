@@ -23,13 +23,12 @@ def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
     outlines = shapely.to_wkb(areas.footprint, byte_order=1, include_srid=False).tolist()
     offset = np.cumsum([0, *map(len, outlines)])
     measures = np.column_stack([areas.floor_m, areas.ceiling_m])
-    words = np.column_stack([areas.class_number, areas.owner_number])
     outline: Part = np.frombuffer(b"".join(outlines), np.uint8), offset
     active = areas.active
     # The counts make the concatenation unambiguous.
     counts = np.column_stack([np.diff(offset), np.diff(active.offset)])
     return _digests(
-        [_fixed(counts), _ragged(active.at_us, active.offset), _fixed(measures), _fixed(words), outline],
+        [_fixed(counts), _ragged(active.at_us, active.offset), _fixed(measures), _fixed(areas.words), outline],
     )
 
 
@@ -47,7 +46,7 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
         [
             _fixed(counts),
             _fixed(tracks.grow_mps[:, None]),
-            _fixed(np.column_stack([tracks.class_number, tracks.owner_number])),
+            _fixed(tracks.words),
             _ragged(tracks.positions_deg, way),
             _ragged(tracks.times_us, way),
             _ragged(tracks.departs.at_us, tracks.departs.offset),
