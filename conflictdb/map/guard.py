@@ -1,16 +1,16 @@
-"""Control access: pages of this server, in a browser on this machine or with the token.
+"""Control access: pages of this server, in a browser on this machine or at the path with the token.
 
 A browser sends requests on behalf of any site it shows. Requests of other sites are refused before anything is read: by
 Host (another site's name that resolves to this address: DNS rebinding), by Origin and by Sec-Fetch-Site. Only pages of
 this server may use the answers. Writing requests also need a secret that only such a page can read.
+
+The token is the first part of each path, so a browser sends it to this server alone. It would send a cookie to all
+ports of a host.
 """
 
-import hmac
 import secrets
 from dataclasses import dataclass, field
-from http.cookies import CookieError, SimpleCookie
 from typing import Final
-from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
@@ -46,24 +46,18 @@ class Access:
     """Access rights.
 
     hosts : allowed Host headers, lower case; not checked on a server with a `token`, which others reach
-    token : opens the page from other machines; None: only this machine has access
-    port : of the server
+    token : first part of each path, which opens the page from other machines; None: only this machine has access
     secret : required in writing requests; the page reads it from the server
     """
 
     hosts: frozenset[str]
     token: str | None
-    port: int = HTTP_PORT
     secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
     @property
-    def cookie(self) -> str:
-        """The name of the cookie that admits a client: cookies are shared by all ports of a host."""
-        return f"conflictdb_map_{self.port}"
-
-    def pass_of(self, client: str) -> str:
-        """Return the cookie's value for a client's address: servers at other ports receive it, and cannot use it."""
-        return hmac.digest((self.token or "").encode(), client.encode(), "sha256").hex()
+    def root(self) -> str:
+        """The path of the page."""
+        return "/" if self.token is None else f"/{self.token}/"
 
 
 def local_hosts(port: int, *more: str) -> frozenset[str]:
@@ -89,26 +83,27 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
-        refusal = self._refusal(scope, headers)
-        brings = refusal is None and self._brings_token(scope)
+        below = self._below(scope["path"])
+        if below is not None:
+            scope = {**scope, "path": below}
+        refusal = self._refusal(scope, Headers(scope=scope), is_below=below is not None)
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                sent = MutableHeaders(scope=message)
-                sent.update(_HEADERS)
-                if brings:
-                    sent.append(
-                        "Set-Cookie",
-                        f"{self._access.cookie}={self._access.pass_of(_client(scope))}; HttpOnly; SameSite=Strict",
-                    )
+                MutableHeaders(scope=message).update(_HEADERS)
             await send(message)
 
         answer = self._app if refusal is None else JSONResponse({"error": refusal}, 403)
         await answer(scope, receive, guarded)
 
-    def _refusal(self, scope: Scope, headers: Headers) -> str | None:
-        """Return why a request is refused, None if it is permitted."""
+    def _below(self, path: str) -> str | None:
+        """Return a path below the root of the page, None if it is elsewhere."""
+        root = self._access.root
+        given = path[: len(root)].encode()
+        return "/" + path[len(root) :] if secrets.compare_digest(given, root.encode()) else None
+
+    def _refusal(self, scope: Scope, headers: Headers, *, is_below: bool) -> str | None:
+        """Return why a request is refused, None if it is permitted; is_below : whether its path is the page's."""
         access = self._access
         host = headers.get("host", "").lower()
         # Other sites may link to the page itself; that reveals nothing to them.
@@ -121,7 +116,7 @@ class Guard:
             return "another site asks"
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not is_link:
             return "another site asks"
-        if access.token is not None and not (self._brings_token(scope) or self._holds_pass(scope, headers)):
+        if not is_below:
             return "open the address that `conflictdb map` printed, with its token"
         if scope["method"] not in ("GET", "HEAD"):
             return self._refusal_to_change(headers)
@@ -133,23 +128,3 @@ class Guard:
         if headers.get("content-type") != "application/json":
             return "JSON is needed"
         return None
-
-    def _brings_token(self, scope: Scope) -> bool:
-        if self._access.token is None or scope["path"] != "/":
-            return False
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        return secrets.compare_digest(given.encode(), self._access.token.encode())
-
-    def _holds_pass(self, scope: Scope, headers: Headers) -> bool:
-        try:
-            morsel = SimpleCookie(headers.get("cookie", "")).get(self._access.cookie)
-        except CookieError:
-            return False
-        given = morsel.value if morsel else ""
-        return secrets.compare_digest(given.encode(), self._access.pass_of(_client(scope)).encode())
-
-
-def _client(scope: Scope) -> str:
-    """Return the address of the client, without its port."""
-    client = scope.get("client")
-    return str(client[0]) if client else ""

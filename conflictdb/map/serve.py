@@ -40,8 +40,9 @@ class PageServer(uvicorn.Server):
         token = None if _is_local(bound) else secrets.token_urlsafe(24)
         reached = _outward(bound) or host
         shown = f"[{reached}]" if ":" in reached else reached
-        self.address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
-        app = application(scene, connect, Access(local_hosts(port, host, bound), token, port))
+        access = Access(local_hosts(port, host, bound), token)
+        self.address = f"http://{shown}:{port}{access.root}"
+        app = application(scene, connect, access)
         self._end_streams = app.state.views.end
         super().__init__(
             uvicorn.Config(

@@ -1,7 +1,10 @@
 """The address of the page of `conflictdb map`: it says what is shown, and shows it again."""
 
+from urllib.parse import urlsplit
+
 import pytest
 from browsing import Open, rows, time_of, wait_until
+from map_page import served_page
 from playwright.sync_api import Browser, Page, Route, expect
 
 PLACE = "conflictdbPage.view.place()"
@@ -9,6 +12,23 @@ PLACE = "conflictdbPage.view.place()"
 
 def ready(page: Page) -> None:
     page.wait_for_selector("html[data-ready=true]", state="attached")
+
+
+def test_below_a_token_all_requests_find_their_way(strait: str, dsn: str, open_page: Open) -> None:
+    """Modules, styles, data, tiles and land, or the page would log an error; the link contains the token, no cookie."""
+    with served_page(dsn, "strait", host="0.0.0.0") as address:  # noqa: S104
+        address = address.replace(str(urlsplit(address).hostname), "127.0.0.1")  # whose headers browsers trust
+        page = open_page(address)
+        assert len(rows(page)) == 7
+        page.get_by_role("combobox", name="Object").fill("ferry")
+        page.get_by_role("button", name="FERRY and TOW").click()
+        expect(page.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
+        asked = page.evaluate("performance.getEntriesByType('resource').map((one) => one.name)")
+        assert [one for one in asked if not one.startswith((address, "blob:", "data:"))] == []
+        assert [part for part in ("page", "vendor", "api") if not any(f"/{part}/" in one for one in asked)] == []
+        assert page.url.startswith(address)
+        assert page.context.cookies() == []
+        page.context.close()
 
 
 def test_back_reload_and_a_copied_link_show_it_again(open_strait: Open, open_page: Open) -> None:

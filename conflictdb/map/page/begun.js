@@ -1,6 +1,6 @@
 // What a first view reads, requested before the modules of the page have arrived: of the scene that a server shows first.
 
-const PATHS = ["/api/scene", "/api/conflicts", "/api/areas", "/api/tracks"];
+const PATHS = ["api/scene", "api/conflicts", "api/areas", "api/tracks"];
 export const LARGE = 2000; // a scene of more objects has an overview
 
 const begun = new Map();
@@ -16,7 +16,7 @@ function begin(path) {
 
 async function beginOverview(scene) {
   const { objects } = await (await scene).clone().json();
-  if (objects > LARGE) begin("/api/overview");
+  if (objects > LARGE) begin("api/overview");
 }
 
 // The answer of a path, requested now unless it has been; once.

@@ -30,8 +30,11 @@ async function answered(asked) {
   throw new Unanswered(said, response.status);
 }
 
+// Where the page is: below the token on a server that others reach.
+const root = () => new URL(".", document.baseURI).href;
+
 const land = (detail, asked) => ({
-  type: "geojson", data: `${location.origin}/land/${detail}?${new URLSearchParams(asked)}`,
+  type: "geojson", data: `${root()}land/${detail}?${new URLSearchParams(asked)}`,
 });
 
 // A box and as much of the world on each side of it.
@@ -56,95 +59,95 @@ export class ServerSource {
 
   // The scenes of the database, and which one a page shows first: { usual, scenes: [{ scene, conflicts, branch_of }, …] }.
   async scenes() {
-    return (await answered(fetch("/api/scenes"))).json();
+    return (await answered(fetch("api/scenes"))).json();
   }
 
   // Conflicts as they were known at an instant (Unix seconds): { refusal, conflicts: [[a, b, verdict, error, periods], …] }.
   async known(t) {
-    return (await answered(fetch(this.at("/api/known", { at: new Date(1000 * t).toISOString() })))).json();
+    return (await answered(fetch(this.at("api/known", { at: new Date(1000 * t).toISOString() })))).json();
   }
 
   async scene() {
-    const { secret, ...scene } = await (await answered(requested(this.at("/api/scene")))).json();
+    const { secret, ...scene } = await (await answered(requested(this.at("api/scene")))).json();
     this.secret = secret;
     return scene;
   }
 
   async conflicts() {
-    return (await answered(requested(this.at("/api/conflicts")))).arrayBuffer();
+    return (await answered(requested(this.at("api/conflicts")))).arrayBuffer();
   }
 
   // How deep conflicts undercut the required separation: [[id, metres, Unix seconds or null], …].
   async depths() {
-    return (await answered(fetch(this.at("/api/depths")))).json();
+    return (await answered(fetch(this.at("api/depths")))).json();
   }
 
   async areas() {
-    return (await answered(requested(this.at("/api/areas")))).json();
+    return (await answered(requested(this.at("api/areas")))).json();
   }
 
   async tracks() {
-    return (await answered(requested(this.at("/api/tracks")))).arrayBuffer();
+    return (await answered(requested(this.at("api/tracks")))).arrayBuffer();
   }
 
   // Outlines of areas as they are seen from afar.
   async overview() {
-    return (await answered(requested(this.at("/api/overview")))).arrayBuffer();
+    return (await answered(requested(this.at("api/overview")))).arrayBuffer();
   }
 
   // GeoJSON of each layer, whole.
   async shapes() {
-    return (await answered(fetch(this.at("/api/shapes")))).json();
+    return (await answered(fetch(this.at("api/shapes")))).json();
   }
 
   // CSV of all conflicts, as the command line writes it.
   async table() {
-    return (await answered(fetch(this.at("/api/table")))).text();
+    return (await answered(fetch(this.at("api/table")))).text();
   }
 
   // Towns and countries: [{ name, kind, lon, lat, zoom }].
   async places() {
-    this.readPlaces ??= answered(fetch("/places")).then((answer) => answer.json());
+    this.readPlaces ??= answered(fetch("places")).then((answer) => answer.json());
     return this.readPlaces;
   }
 
   // Floors and ceilings of tracks whose heights change, by key.
   async heights() {
-    return (await answered(fetch(this.at("/api/heights")))).json();
+    return (await answered(fetch(this.at("api/heights")))).json();
   }
 
   // All land: features of polygons and of coasts.
   async landShapes() {
-    return (await (await answered(fetch("/land/50m"))).json()).features;
+    return (await (await answered(fetch("land/50m"))).json()).features;
   }
 
   // Why two objects are in conflict, and the shapes of those that are areas.
   async pair(a, b) {
-    return (await answered(fetch(this.at("/api/pair", { a, b })))).json();
+    return (await answered(fetch(this.at("api/pair", { a, b })))).json();
   }
 
   // The kernel as WebAssembly.
   async kernel() {
-    return (await answered(fetch("/page/kernel.wasm"))).arrayBuffer();
+    return (await answered(fetch("page/kernel.wasm"))).arrayBuffer();
   }
 
   // Pieces of a track, and of what it may meet if it departs that much earlier or later.
   async pieces(key, withinS) {
-    return (await answered(fetch(this.at("/api/pieces", { key, within_s: withinS })))).arrayBuffer();
+    return (await answered(fetch(this.at("api/pieces", { key, within_s: withinS })))).arrayBuffer();
   }
 
   acknowledge(a, b, reason) {
-    return this.write("/api/acknowledge", { a, b, reason });
+    return this.write("api/acknowledge", { a, b, reason });
   }
 
   // Stores a moved plan: { key, plan (its digest), later_us, up_m, branch }. Returns the digest of what is stored.
   async move(what) {
-    return (await (await this.write("/api/move", what)).json()).plan;
+    return (await (await this.write("api/move", what)).json()).plan;
   }
 
   // The conflicts of a moved plan, which is not stored: [[other, verdict, error, periods], …].
   async probe(what) {
-    return (await this.write("/api/probe", what)).json();
+    return (await this.write("api/probe", what)).json();
   }
 
   write(path, what) {
@@ -185,12 +188,12 @@ export class ServerSource {
   }
 
   tilesAt(kind, version) {
-    return this.at(`${location.origin}/tiles/${kind}/{z}/{x}/{y}`, { v: version });
+    return this.at(`${root()}tiles/${kind}/{z}/{x}/{y}`, { v: version });
   }
 
   // Calls `told` with "objects" or "conflicts" when these changed since a version, and `state` with whether changes are heard of, when that changes.
   watch(version, told, state) {
-    const events = new EventSource(this.at("/api/events", { version }));
+    const events = new EventSource(this.at("api/events", { version }));
     let wasLost = false;
     events.addEventListener("open", () => {
       if (!wasLost) return;
