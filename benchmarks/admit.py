@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
-from conflictdb.db.store import WORKER_NAME
+from conflictdb.db.store import WORKER_NAME, WorkerStamp
 from conflictdb.formats.scene_file import feature_of
 
 if TYPE_CHECKING:
@@ -361,6 +361,8 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
         with conflictdb.connect() as worker:
             # Else plans that one must decide are refused.
             worker.connection.execute(f"SET application_name = '{WORKER_NAME}'".encode())
+            worker.connection.commit()
+            WorkerStamp().begin(worker.connection)
             in_sql(db.connection, rng, form, clock)
         print(f"    beat {beat():.2f} ms", flush=True)
         city.delete()

@@ -363,12 +363,16 @@ DECLARE
     c_most_waiting CONSTANT integer := 1000;
     -- More than any plan within the limits has.
     c_most_bytes CONSTANT integer := 100000000;
+    -- Per role, of requests that wait: they would fill the disk, and a worker reads some 20 MB/s.
+    c_most_waiting_bytes CONSTANT integer := 200000000;
     -- A worker takes some 70 bytes for each, also where no limit of points counts them.
     c_most_values CONSTANT integer := 8000000;
     v_plans jsonb;
     v_values integer;
+    v_waiting record;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.answer) > 0 OR NEW.failures <> 0 THEN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.answer) > 0 OR NEW.attempts <> 0
+       OR NEW.attempted_at IS NOT NULL THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     IF (NEW.kind IN ('probe', 'delays', 'admit')) IS NOT TRUE THEN
@@ -404,17 +408,26 @@ BEGIN
         NEW.plans := CASE WHEN json_typeof(NEW.plans) = 'object' THEN NEW.plans ELSE v_plans::json END;
         PERFORM _check_word(c_who, 'owner', NEW.options ->> 'owner');
     END IF;
-    IF (SELECT count(*) FROM (SELECT FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
-                              LIMIT c_most_waiting) w) >= c_most_waiting THEN
+    NEW.bytes := coalesce(octet_length(NEW.plans::text), 0);
+    SELECT count(*) AS requests, coalesce(sum(w.bytes), 0) AS bytes INTO v_waiting
+        FROM (SELECT p.bytes FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
+              LIMIT c_most_waiting) w;
+    IF v_waiting.requests >= c_most_waiting THEN
         FOUND := _raise('ZC017', c_who, 'probe_request',
                         format('%s questions of role %I wait already', c_most_waiting, NEW.asked_by),
+                        'probe_request_few', 'Is a worker running? Wait for its answers.');
+    END IF;
+    IF v_waiting.bytes + NEW.bytes > c_most_waiting_bytes THEN
+        FOUND := _raise('ZC017', c_who, 'plans',
+                        format('must have at most %s bytes with all questions of role %I that wait; got %s',
+                               c_most_waiting_bytes, NEW.asked_by, v_waiting.bytes + NEW.bytes),
                         'probe_request_few', 'Is a worker running? Wait for its answers.');
     END IF;
     RETURN NEW;
 END
 $$;
 COMMENT ON FUNCTION _before_probe_request() IS
-'Trigger: checks a request; refuses it if 1,000 requests of the same role are waiting.';
+'Trigger: checks a request; refuses it if 1,000 requests or 200 MB of the same role are waiting.';
 CREATE OR REPLACE TRIGGER probe_request_checked BEFORE INSERT ON probe_request
     FOR EACH ROW EXECUTE FUNCTION _before_probe_request();
 ALTER TABLE probe_request ENABLE ALWAYS TRIGGER probe_request_checked;
@@ -659,24 +672,64 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe(p_passed_over bigint[])
-RETURNS TABLE (probe_id bigint, scene_id bigint)
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._claim_probe(
+    p_passed_over bigint[], OUT probe_id bigint, OUT attempt smallint
+)
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+DECLARE
+    c_most_attempts CONSTANT integer := 3;
+    -- A worker that has claimed a request locks it sooner (_hold_probe): two workers never count for one attempt.
+    c_claimed CONSTANT interval := '1 s';
+    v_next record;
 BEGIN
-    RETURN QUERY
-        SELECT p.probe_id, p.scene_id FROM probe_request p
-        WHERE p.answered_at IS NULL AND p.probe_id <> ALL (p_passed_over)
-          AND EXISTS (SELECT FROM scene s WHERE s.scene_id = p.scene_id)
-        -- Failed requests last; then the scene and the role that have waited longest for a reply.
-        ORDER BY p.failures,
-                 (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
-                 (SELECT max(q.answered_at) FROM probe_request q WHERE q.asked_by = p.asked_by) NULLS FIRST, p.probe_id
-        LIMIT 1 FOR UPDATE SKIP LOCKED;
+    LOOP
+        SELECT p.probe_id, p.attempts INTO v_next FROM probe_request p
+            WHERE p.answered_at IS NULL AND p.probe_id <> ALL (p_passed_over)
+              AND (p.attempted_at > clock_timestamp() - c_claimed) IS NOT TRUE
+              AND EXISTS (SELECT FROM scene s WHERE s.scene_id = p.scene_id)
+            -- Requests that failed last; then the scene and the role that have waited longest for a reply.
+            ORDER BY p.attempts,
+                     (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
+                     (SELECT max(q.answered_at) FROM probe_request q WHERE q.asked_by = p.asked_by) NULLS FIRST,
+                     p.probe_id
+            LIMIT 1 FOR UPDATE SKIP LOCKED;
+        EXIT WHEN NOT FOUND;
+        IF v_next.attempts < c_most_attempts THEN
+            UPDATE probe_request p SET attempts = p.attempts + 1, attempted_at = clock_timestamp()
+                WHERE p.probe_id = v_next.probe_id RETURNING p.probe_id, p.attempts INTO _claim_probe.probe_id, attempt;
+            EXIT;
+        END IF;
+        UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = false,
+                error = format('could not be answered: none of %s attempts ended, as when a worker runs out of memory '
+                               'or is stopped', c_most_attempts)
+            WHERE p.probe_id = v_next.probe_id;
+    END LOOP;
 END
 $$;
-COMMENT ON FUNCTION _next_probe(bigint[]) IS
-'The next request that no other session works on, without some, locked until the transaction ends; no row if there is '
-'none.';
+COMMENT ON FUNCTION _claim_probe(bigint[]) IS
+'The next request that no other session works on, without some, and the number of this attempt, which it counts; nulls '
+'if there is none. Commit, so that it counts whatever happens next. A request whose third attempt has not ended is '
+'answered by an error.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._hold_probe(p_probe_id bigint, p_attempt integer) RETURNS boolean
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM FROM probe_request p
+        WHERE p.probe_id = p_probe_id AND p.attempts = p_attempt AND p.answered_at IS NULL FOR UPDATE SKIP LOCKED;
+    RETURN FOUND;
+END
+$$;
+COMMENT ON FUNCTION _hold_probe(bigint, integer) IS
+'Locks a claimed request until the transaction ends; returns false if it is gone, or was claimed again.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._release_probe(p_probe_id bigint) RETURNS void
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    UPDATE probe_request p SET attempts = p.attempts - 1, attempted_at = NULL WHERE p.probe_id = p_probe_id;
+END;
+COMMENT ON FUNCTION _release_probe(bigint) IS
+'Takes back an attempt at a request that this transaction holds: another session was in the way.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._requested(
     p_probe_id bigint, OUT kind text, OUT scene text, OUT plans text, OUT options jsonb,
@@ -707,14 +760,14 @@ COMMENT ON FUNCTION _requested(bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._probe_failed(p_probe_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
-    UPDATE probe_request p SET failures = p.failures + 1,
+    UPDATE probe_request p SET attempted_at = NULL,
         (answered_at, is_current, error) = (
             SELECT clock_timestamp(), false, 'could not be answered in three attempts: ' || p_error
-            WHERE p.failures >= 2)
+            WHERE p.attempts >= 3)
     WHERE p.probe_id = p_probe_id;
 END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
-'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
+'Ends a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._answer_request(
     p_probe_id bigint, p_error text, p_found jsonb, p_answer jsonb
@@ -785,7 +838,10 @@ COMMENT ON COLUMN probe_request.answer IS
 COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether the scene was current at that time; null while it waits.';
-COMMENT ON COLUMN probe_request.failures IS 'Number of failed attempts; the third one is reported as an error.';
+COMMENT ON COLUMN probe_request.attempts IS
+'Number of attempts, each counted before it begins; the third one that fails or does not end is reported as an error.';
+COMMENT ON COLUMN probe_request.attempted_at IS 'When a worker claimed it; null if none has, or the attempt failed.';
+COMMENT ON COLUMN probe_request.bytes IS 'Bytes of plans as text.';
 COMMENT ON COLUMN probe_request.error IS 'Why there is no reply; null if there is one, or while it waits.';
 
 COMMENT ON TABLE probe_reply IS

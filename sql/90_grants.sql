@@ -149,7 +149,8 @@ GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_pr
     TO conflictdb_editor;
 
 -- Workers write the derived tables.
-GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply
+GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply,
+                                worker_stamp
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
 GRANT UPDATE (expanded) ON scene TO conflictdb_worker;

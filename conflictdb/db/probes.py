@@ -23,7 +23,7 @@ from conflictdb.db.admission import admit
 from conflictdb.db.near import members_near, state_for, world_of
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
-from conflictdb.errors import InvalidInput, LockTimeout
+from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.in_memory.index import Members, by_kind, conflicts_between
 from conflictdb.model.inputs import certain
@@ -129,32 +129,43 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
 
     passed_over : requests that wait for another session, which this appends to
     """
-    number = None
+    with store.transaction(conn):  # counts, even if this process is killed meanwhile
+        claimed = store.claim_probe(conn, passed_over)
+    if claimed is None:
+        return False
     try:
         store.begin_snapshot(conn)
-        number = store.next_probe(conn, passed_over)
-        if number is not None:
-            _answer_request(conn, store.read_request(conn, number), jobs, memory)
+        if store.hold_probe(conn, *claimed):
+            _answer_held(conn, claimed.probe_id, jobs, memory, passed_over)
         with store.translated():
             conn.commit()
     except Exception as error:  # a faulty plan must not stop the others
         if conn.closed:
             raise
         conn.rollback()
-        if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
-            return True  # another worker answered it, or another session admitted plans
-        if number is None:
-            raise
-        if isinstance(error, LockTimeout):
-            passed_over.append(number)
-            return True
         with store.transaction(conn):
             if isinstance(error, InvalidInput):
-                store.refuse_probe(conn, number, str(error))
+                store.refuse_probe(conn, claimed.probe_id, str(error))
             else:
-                _log.warning("request %d failed: %s", number, error)
-                store.probe_failed(conn, number, str(error))
-    return number is not None
+                _log.warning("request %d failed: %s", claimed.probe_id, error)
+                store.probe_failed(conn, claimed.probe_id, str(error))
+    return True
+
+
+def _answer_held(
+    conn: psycopg.Connection[Any], probe_id: int, jobs: int, memory: Memory, passed_over: list[int]
+) -> None:
+    """Answer a request that the open transaction holds, or release it if another session is in the way."""
+    try:
+        with store.transaction(conn):
+            _answer_request(conn, store.read_request(conn, probe_id), jobs, memory)
+    except ConflictDBError as error:
+        if isinstance(error, LockTimeout):
+            passed_over.append(probe_id)
+        # Another session admitted plans.
+        elif not isinstance(error.__cause__, psycopg.errors.SerializationFailure):
+            raise
+        store.release_probe(conn, probe_id)
 
 
 def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs: int, memory: Memory) -> None:

@@ -10,7 +10,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from random import SystemRandom
 from typing import Any, Final
@@ -131,12 +131,12 @@ class Worker:
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _has_requests: bool = False
     _deafness_is_said: bool = False
+    _stamp: store.WorkerStamp = field(default_factory=store.WorkerStamp)
 
     def once(self) -> bool:
         """Detect every pending scene, or wait until other sessions did; return whether all succeeded."""
         well = True
-        with self.connect() as connection:
-            _check(connection)
+        with self.connect() as connection, self._counted(connection):
             while True:
                 well &= self._round(connection, self.say_after_s)
                 for failing in self._failing.values():
@@ -163,8 +163,7 @@ class Worker:
         while True:
             self.state.is_connected, self.state.connections = True, self.state.connections + 1
             try:
-                with connection:
-                    _check(connection)
+                with connection, self._counted(connection):
                     every_s = self._listen(connection)
                     while True:
                         self._turn(connection, every_s)
@@ -177,10 +176,22 @@ class Worker:
             connection = self._reconnected(pauses)
             self.say("connected again")
 
+    @contextmanager
+    def _counted(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
+        """Check the database, and count as one of its workers inside."""
+        _check(connection)
+        self._stamp.begin(connection)
+        try:
+            yield
+        finally:
+            if not connection.closed:
+                self._stamp.end(connection)
+
     def _turn(self, connection: "psycopg.Connection[Any]", every_s: float) -> None:
         """Detect changes, and wait for more; raises only if the connection is lost or cannot write this schema."""
         try:
             with store.waiting_at_most(connection, _LOCK_WAIT_S):
+                self._stamp.renew(connection)
                 self._round(connection, _SAY_BUSY_AFTER_S)
                 if self.counts and time.monotonic() - self._counted_at_s >= _COUNT_EVERY_S:
                     self.state.conflicts = store.counted_conflicts(connection)
@@ -247,6 +258,7 @@ class Worker:
                 continue
             if scene in self._busy and time.monotonic() < self._busy[scene].again_at_s:
                 continue
+            self._stamp.renew(connection)
             self.state.scene = scene
             changed_at_s = looked_at_s - waited_s
             try:

@@ -1,4 +1,6 @@
-"""Requests count their attempts."""
+"""Requests count their attempts and bytes; workers leave a stamp."""
+
+from alembic import op
 
 revision = "0008"
 down_revision = "0007"
@@ -6,14 +8,40 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4bf985624393f14c4ed7b447a710dbd564b37302fe1a9c2fd0bf8ce5b9a78d17"
+routines_sha256 = "c2481b3f255d16aa5e885be316965912eac711134ad6fc9ddf64f7fc233cf093"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
 
 
+REQUESTS = """
+DO $$
+BEGIN
+    -- Routines of the former revision read the column by its name until they are replaced, in this transaction.
+    IF EXISTS (SELECT FROM pg_catalog.pg_attribute a
+               WHERE a.attrelid = 'conflictdb.probe_request'::regclass AND a.attname = 'failures') THEN
+        ALTER TABLE conflictdb.probe_request RENAME COLUMN failures TO attempts;
+    END IF;
+END
+$$;
+ALTER TABLE conflictdb.probe_request
+    ADD COLUMN IF NOT EXISTS attempted_at timestamptz,
+    ADD COLUMN IF NOT EXISTS bytes bigint NOT NULL DEFAULT 0;
+"""
+
+# No foreign key and no scene: all roles read it.
+STAMPS = """
+CREATE TABLE IF NOT EXISTS conflictdb.worker_stamp (
+    worker_id uuid CONSTRAINT worker_stamp_pkey PRIMARY KEY,
+    pid integer,
+    seen_at timestamptz NOT NULL
+)
+"""
+
+
 def upgrade() -> None:
-    pass
+    op.execute(REQUESTS)
+    op.execute(STAMPS)
 
 
 def downgrade() -> None:

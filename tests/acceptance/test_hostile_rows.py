@@ -291,7 +291,7 @@ def detect_mended(db: conflictdb.Database, scene: str) -> None:
 def await_answers(site: OwnServer, worker: "subprocess.Popen[bytes]") -> None:
     """Wait until the worker has answered a request that was sent after all of these rows."""
     with store.connect(site.dsn) as conn:
-        conn.execute("DELETE FROM conflictdb.probe_request WHERE answered_at IS NULL AND failures > 0")
+        conn.execute("DELETE FROM conflictdb.probe_request WHERE answered_at IS NULL AND attempts > 0")
         row = conn.execute("SELECT name FROM conflictdb.scene ORDER BY scene_id LIMIT 1").fetchone()
         assert row is not None
         (probe_id,) = conn.execute("SELECT conflictdb.request_probe(%s, %s)", [row[0], BOXES[0]]).fetchone() or (None,)

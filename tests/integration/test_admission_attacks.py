@@ -1,6 +1,7 @@
 """Admission under other roles, hostile values and workers that are killed between its stages."""
 
 import json
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -168,6 +169,7 @@ def test_a_worker_that_is_killed_between_stages_leaves_nothing(
             probes.answer(worker)
     assert keys(city) == ["a"]
     with psycopg.connect(dsn) as worker:
+        time.sleep(1.0)  # the claim of the first one lasts as long
         while probes.answer(worker):
             pass
     assert db.connection.execute("SELECT admitted FROM conflictdb.wait_for_admission(%s)", [request]).fetchone() == (

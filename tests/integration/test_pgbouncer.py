@@ -242,3 +242,42 @@ def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
     thread.join(WAIT_S)
     assert said[-2:] == ["lost the database, connecting again: lost", "connected again"]
     return said[:-2], done
+
+
+def test_workers_are_counted_whichever_session_they_have(dsn: str, pooled: str) -> None:
+    """Idle ones too, whose session another client has; and no session that the pool keeps after they have gone."""
+    ends = threading.Event()
+
+    def stops(connection: psycopg.Connection[Any], timeout_s: float) -> bool:
+        if ends.wait(0.05):
+            raise KeyboardInterrupt
+        return False
+
+    def work() -> None:
+        with suppress(KeyboardInterrupt), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(store, "wait_for_change", stops)
+            connection = lambda: store.connect(store.worker_dsn(pooled))  # noqa: E731
+            Worker(connection, lambda *_: None, jobs=1, say=lambda _: None, heard_within_s=0.1).run()
+
+    def count() -> int:
+        return store.service(direct).worker_count
+
+    named = "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND application_name = %s"
+    thread = threading.Thread(target=work, daemon=True)
+    with psycopg.connect(dsn, autocommit=True) as direct, connect(pooled) as db:
+        assert count() == 0
+        thread.start()
+        until(lambda: count() == 1)
+        for _ in range(6):  # clients with other names take the sessions
+            with psycopg.connect(pooled, application_name="other") as one:
+                db.scenes()
+                one.execute("SELECT 1")
+                assert count() == 1
+        ends.set()
+        thread.join(WAIT_S)
+        assert count() == 0
+        with psycopg.connect(store.worker_dsn(pooled)) as detecting:
+            detecting.execute("SELECT 1")
+            assert count() == 1, "its transaction may last longer than a stamp"
+        assert direct.execute(named, [store.WORKER_NAME]).fetchone() != (0,), "the pool keeps its session"
+        until(lambda: count() == 0)

@@ -428,7 +428,9 @@ A_FEATURE = f'{{"type": "Feature", "version": 1, "id": "A", {A_RING}, "propertie
         ({"plans": "'[" + A_FEATURE.replace('"start"', '"strat"') + "]'"}, None),
         ({"column": "answered_at", "value": "now()"}, "ZC013"),
         ({"column": "answer", "value": "'{}'"}, "ZC013"),
-        ({"column": "failures", "value": "-32768"}, "ZC013"),
+        ({"column": "attempts", "value": "-32768"}, "ZC013"),
+        ({"column": "attempted_at", "value": "'infinity'"}, "ZC013"),
+        ({"column": "bytes", "value": "-1e18"}, None),
         ({"column": "asked_at", "value": "'infinity'"}, None),
         ({"column": "options", "value": "'[]'"}, "ZC016"),
         ({"column": "options", "value": """'{"key": "T"}'"""}, "ZC016"),
@@ -496,7 +498,7 @@ def test_a_request_that_always_fails_is_refused_after_three_attempts(
     assert probes.answer(conn) is False
     assert order == [ids[0], ids[1], ids[0], ids[0]]
     errors = conn.execute("SELECT error FROM conflictdb.probe_request ORDER BY probe_id").fetchall()
-    assert "in three attempts: division by zero" in errors[0][0]
+    assert "in three attempts: database: division by zero" in errors[0][0]
     assert errors[1] == (None,)
 
 
@@ -506,6 +508,76 @@ def test_a_role_may_ask_a_thousand_questions_at_a_time(conn: Conn) -> None:
     conn.execute(f"{many} FROM generate_series(1, 1000)".encode())
     with pytest.raises(psycopg.Error, match=r"1000 questions of role .* wait already"):
         conn.execute(many.encode())
+
+
+def test_a_request_whose_worker_is_always_killed_is_refused_after_three_attempts(
+    conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The attempt counts when it begins, so that no end of a process is missed; the next request is answered."""
+    load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
+    detect.detect(conn, "s", jobs=1)
+    with store.connect(dsn) as reader:
+        ids = [ask(reader, ASK, "s") for _ in range(2)]
+    read, killed = store.read_request, []
+
+    def dies(worker: Conn, probe_id: int) -> store.Request:
+        if probe_id == ids[0]:
+            killed.append(probe_id)
+            worker.close()
+            raise SystemExit
+        return read(worker, probe_id)
+
+    monkeypatch.setattr(store, "read_request", dies)
+    later = "UPDATE conflictdb.probe_request SET attempted_at = attempted_at - interval '2 s'"
+    for _ in range(3):
+        with store.connect(dsn) as worker, suppress(SystemExit):
+            while probes.answer(worker):
+                pass
+        conn.execute(later)
+        conn.commit()
+    assert killed == [ids[0]] * 3
+    assert probes.answer(conn) is False
+    assert killed == [ids[0]] * 3
+    errors = conn.execute("SELECT error FROM conflictdb.probe_request ORDER BY probe_id").fetchall()
+    assert "none of 3 attempts ended" in errors[0][0]
+    assert errors[1] == (None,)
+
+
+def test_two_workers_never_count_for_one_attempt(conn: Conn, dsn: str) -> None:
+    """Also between the transaction that counts the attempt and the one that answers."""
+    load(conn, Scene("s"), [], [])
+    probe_id = ask(conn, ASK, "s")
+    with store.connect(dsn) as one, store.connect(dsn) as two:
+        claim = store.claim_probe(one, [])
+        assert claim == (probe_id, 1)
+        one.commit()
+        assert store.claim_probe(two, []) is None
+        two.commit()
+        assert store.hold_probe(one, *claim)
+        conn.rollback()
+        assert store.claim_probe(two, []) is None
+        two.rollback()
+        store.release_probe(one, probe_id)
+        one.commit()
+        assert store.claim_probe(two, []) == (probe_id, 1)
+        two.commit()
+        assert not store.hold_probe(one, probe_id, 2)
+        one.rollback()
+
+
+def test_the_open_requests_of_a_role_have_a_bound_in_bytes(conn: Conn) -> None:
+    """A thousand requests of 100 MB each would fill the disk; answered ones and those of other roles do not count."""
+    load(conn, Scene("s"), [], [])
+    conn.execute(ASK, ["s"])
+    conn.execute("UPDATE conflictdb.probe_request SET bytes = 199999900")
+    conn.commit()
+    with pytest.raises(psycopg.Error, match=r"must have at most 200000000 bytes .* got 200000") as found:
+        conn.execute(ASK, ["s"])
+    assert found.value.sqlstate == "ZC017"
+    conn.rollback()
+    conn.execute("UPDATE conflictdb.probe_request SET answered_at = now()")
+    asked = "SELECT bytes = octet_length(plans::text) FROM conflictdb.probe_request WHERE probe_id = %s"
+    assert conn.execute(asked, [ask(conn, ASK, "s")]).fetchone() == (True,)
 
 
 TOLERANCES = st.fixed_dictionaries(

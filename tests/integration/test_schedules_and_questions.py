@@ -15,7 +15,7 @@ from city import asked, worker_connected
 
 import conflictdb
 from conflictdb.db.probes import answer
-from conflictdb.db.store import WORKER_NAME
+from conflictdb.db.store import WORKER_NAME, WorkerStamp
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.session.database import Database
@@ -51,6 +51,7 @@ def stored(db: Database, objects: list[Area | Track], **settings: Any) -> Any:
 
 def worker(dsn: str, stop: threading.Event) -> None:
     with psycopg.connect(dsn, application_name=WORKER_NAME) as conn:
+        WorkerStamp().begin(conn)
         while not stop.wait(0.02):
             answer(conn)
 

@@ -12,7 +12,7 @@ import psycopg
 import shapely
 
 from conflictdb import Area, Scene, StoredScene, Track, rectangle_outline_m
-from conflictdb.db.store import WORKER_NAME
+from conflictdb.db.store import WORKER_NAME, WorkerStamp
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 
@@ -63,7 +63,8 @@ def as_feature(plan: Area | Track) -> dict[str, Any]:
 @contextmanager
 def worker_connected(dsn: str) -> Iterator[None]:
     """Be counted as a worker, which answers nothing."""
-    with psycopg.connect(dsn, application_name=WORKER_NAME):
+    with psycopg.connect(dsn, application_name=WORKER_NAME) as conn:
+        WorkerStamp().begin(conn)
         yield
 
 

@@ -1,16 +1,20 @@
 """Read the state of the server, its versions and workers, and listen for changes."""
 
+import math
+import time
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 import psycopg
 from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
-from conflictdb.db.store.connection import call, translated
+from conflictdb.db.store.connection import call, transaction, translated
+from conflictdb.errors import ConflictDBError
 
-# Workers are counted by this name; routine _service uses it too.
+# Sessions of workers have this name; routine _worker_count uses it too.
 WORKER_NAME: Final = "conflictdb worker"
 
 # Detect a dead network within about a minute; system defaults take hours.
@@ -24,6 +28,39 @@ _LIVELY: Final = {
 
 # Notifications arrive in milliseconds. Where none can, a worker starts this much later.
 HEARD_WITHIN_S: Final = 2.0
+
+
+# How often a worker behind a pooler stamps: six times within the 30 s that a stamp lasts (_worker_count).
+_STAMP_S: Final = 5.0
+
+
+class WorkerStamp:
+    """The row by which a worker is counted. A pooler keeps sessions of workers that are gone, and lends them out."""
+
+    def __init__(self) -> None:
+        self._worker_id = uuid.uuid4()
+        self._due_s = -math.inf
+
+    def begin(self, conn: psycopg.Connection[Any]) -> None:
+        """Stamp a new connection."""
+        self._due_s = -math.inf
+        self.renew(conn)
+
+    def renew(self, conn: psycopg.Connection[Any]) -> None:
+        """Stamp the connection again if that is due."""
+        if time.monotonic() < self._due_s:
+            return
+        with transaction(conn):
+            pid = conn.info.backend_pid if has_own_session(conn) else None
+            call(conn, "_stamp_worker", self._worker_id, pid)
+        self._due_s = math.inf if pid is not None else time.monotonic() + _STAMP_S
+
+    def end(self, conn: psycopg.Connection[Any]) -> None:
+        """Remove the stamp, if the connection still works."""
+        with suppress(psycopg.Error, ConflictDBError):
+            conn.rollback()
+            with transaction(conn):
+                call(conn, "_remove_stamp", self._worker_id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +116,9 @@ def listen(
     """
     with translated():
         conn.execute("LISTEN conflictdb_request", prepare=False)
-        row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
+        is_own = has_own_session(conn)
         conn.commit()
-        if row != (conn.info.backend_pid,) and not _is_heard(conn, connect, heard_within_s):
+        if not is_own and not _is_heard(conn, connect, heard_within_s):
             # It may still be the same session: do not notify its next user.
             conn.execute("UNLISTEN conflictdb_request", prepare=False)
             conn.commit()
@@ -90,6 +127,13 @@ def listen(
         conn.execute("SELECT set_config('idle_session_timeout', '0', false)", prepare=False)
         conn.commit()
         return True
+
+
+def has_own_session(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether the server sees the session that the connection began: poolers show another one."""
+    with translated():
+        row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
+    return row == (conn.info.backend_pid,)
 
 
 def writers_notify(conn: psycopg.Connection[Any]) -> bool:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import psycopg
@@ -85,10 +85,27 @@ def names_of(
     }
 
 
-def next_probe(conn: psycopg.Connection[Any], passed_over: Sequence[int]) -> int | None:
-    """Return the number of the next request to answer, None if there is none; locks it in the transaction."""
-    rows = call_many(conn, "_next_probe", list(passed_over))
-    return rows[0][0] if rows else None
+class Claim(NamedTuple):
+    """A request that a worker is about to answer; attempt : the number of this attempt, from 1."""
+
+    probe_id: int
+    attempt: int
+
+
+def claim_probe(conn: psycopg.Connection[Any], passed_over: Sequence[int]) -> Claim | None:
+    """Return the next request to answer, None if there is none; commit to count the attempt."""
+    probe_id, attempt = call(conn, "_claim_probe", list(passed_over))
+    return None if probe_id is None else Claim(probe_id, attempt)
+
+
+def hold_probe(conn: psycopg.Connection[Any], probe_id: int, attempt: int) -> bool:
+    """Lock a claimed request in the open transaction; return False if it is gone, or was claimed again."""
+    return bool(call(conn, "_hold_probe", probe_id, attempt)[0])
+
+
+def release_probe(conn: psycopg.Connection[Any], probe_id: int) -> None:
+    """Take back an attempt at a request that the open transaction holds."""
+    call(conn, "_release_probe", probe_id)
 
 
 def read_request(conn: psycopg.Connection[Any], probe_id: int) -> Request:
@@ -174,7 +191,7 @@ def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> N
 
 
 def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
-    """Count a failed attempt at a request; the third refuses it."""
+    """End a failed attempt at a request; the third refuses it."""
     call(conn, "_probe_failed", probe_id, reason)
 
 
