@@ -116,7 +116,8 @@ COMMENT ON FUNCTION _write_differences(bigint, bigint[], smallint[], bigint[], i
 
 COMMENT ON TABLE difference IS
 'Which delays of a track bring it into contact with another object, which stays as planned; for scenes with '
-'delays_within_s. Complete while the scene is current. Query delays_of.';
+'delays_within_s. Complete while the scene is current. Workers read it for '
+'request_delays.';
 COMMENT ON COLUMN difference.scene_id IS 'Scene.';
 COMMENT ON COLUMN difference.track_id IS 'Track.';
 COMMENT ON COLUMN difference.other_kind IS 'Kind of the other object: 0 area, 1 track.';

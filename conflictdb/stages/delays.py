@@ -126,21 +126,16 @@ class Differences:
         low, high = inner.low + LAST_INSTANT, inner.high - LAST_INSTANT
         return outer, Spans(low[low <= high], high[low <= high])
 
-    def blocking(self, outer: Spans, least: int, most: int) -> set[int]:
-        """Return the numbers of the objects that forbid every change from least to most.
-
-        outer : the outer intervals of all rows
-        """
-        if not outer.contains(least, most):
+    def blocking(self, least: int, most: int) -> set[int]:
+        """Return the numbers of the objects that forbid every change from least to most."""
+        first, last = self.other[self.low <= least], self.other[self.high >= most]
+        if not len(first):
             return set()
-        first, last = self.low <= least, self.high >= most
-        found = set(self.other[first & last].tolist())
-        # Several rows together may.
-        for other in set(self.other[first].tolist()).intersection(self.other[last].tolist()) - found:
-            rows = self.other == other
-            if Spans.union(self.low[rows], self.high[rows]).contains(least, most):
-                found.add(other)
-        return found
+        return {other for other in np.intersect1d(first, last).tolist() if self._blocks(other, least, most)}
+
+    def _blocks(self, other: int, least: int, most: int) -> bool:
+        rows = self.other == other
+        return Spans.union(self.low[rows], self.high[rows]).contains(least, most)
 
 
 def _within(low: _Ints, high: _Ints, least: int, most: int) -> Spans:
@@ -396,7 +391,7 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
         ),
         _seconds(least_later(outer, 0, leeway.last_us)),
         _seconds(least_later(Spans(-outer.high[::-1], -outer.low[::-1]), 0, -leeway.first_us)),
-        sorted_keys(keys, found.blocking(outer, leeway.first_us, leeway.last_us)),
+        sorted_keys(keys, found.blocking(leeway.first_us, leeway.last_us)),
         leeway.waits,
         leeway.has_departed,
         leeway.first_us / 1e6,

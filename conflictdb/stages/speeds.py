@@ -118,7 +118,7 @@ def speeds_of(
     )
     faster = delays.least_later(outer, UNIT, most)
     slower = delays.least_later(Spans(-outer.high[::-1], -outer.low[::-1]), -UNIT, -least)
-    blocked_by = delays.sorted_keys(keys, found.blocking(outer, least, most))
+    blocked_by = delays.sorted_keys(keys, found.blocking(least, most))
     return Speeds(
         key,
         leg,

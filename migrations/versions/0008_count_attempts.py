@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c2481b3f255d16aa5e885be316965912eac711134ad6fc9ddf64f7fc233cf093"
+routines_sha256 = "bd76c0c16800747ad7176b24d6f034211dfcbb67fa925d9734b2441161ecf763"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

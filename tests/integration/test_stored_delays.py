@@ -20,9 +20,7 @@ from conflictdb import InvalidInput, connect
 from conflictdb.db import difference_rows, import_computed, probes, schema, store
 from conflictdb.db.detect import detect
 from conflictdb.earth.registry import Setup
-from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Delays
 from conflictdb.session.stored_scene import StoredScene
 from conflictdb.stages import pair_differences
 from conflictdb.stages.delays import Differences, Leeway, delays_of
@@ -39,7 +37,6 @@ JOIN conflictdb.track t USING (track_id)
 LEFT JOIN conflictdb.area a ON d.other_kind = 0 AND a.area_id = d.other_id
 LEFT JOIN conflictdb.track o ON d.other_kind = 1 AND o.track_id = d.other_id
 WHERE s.name = %s ORDER BY 1, 2, 3"""
-OF_SQL = "SELECT to_json(d.*) FROM conflictdb.delays_of(%s, %s, make_interval(secs => %s), %s) d"
 
 
 def rows(conn: Conn, scene: str) -> list[tuple[Any, ...]]:
@@ -75,7 +72,7 @@ def voyages(one: Track) -> Track:
 @pytest.mark.parametrize("workload", [EQUATOR, OCEAN, SEAM, HARBOUR, GROWING_CIRCLES], ids=lambda one: one.name)
 @pytest.mark.parametrize("separation_m", [0.0, 5000.0])
 def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, separation_m: float) -> None:
-    """In Python, in SQL and in memory, for each track alone and all together, for each horizon and `now`."""
+    """For each track alone and all together, for each horizon and `now`."""
     scene, areas, tracks = throw(workload, 3, 6, 7, separation_m=separation_m)
     scene = replace(
         scene, delays_within_s=600.0 if workload is HARBOUR else WITHIN_S, time_separation_s=separation_m / 50
@@ -95,16 +92,7 @@ def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, se
                     patch.setattr(store, "read_scene", None)  # a lookup reads no objects
                     assert known.delays(None, within_s, now) == expected
                     assert [known.delays(one.key, within_s, now)[0] for one in expected] == expected
-                given = None if now_us is None else EPOCH + now_us * MICROSECOND
-                found = db.connection.execute(OF_SQL.encode(), [scene.name, None, within_s, given]).fetchall()
-                assert [row for (row,) in found] == as_rows(expected)
         assert any(one.forbidden for one in expected)
-
-
-def as_rows(found: list[Delays]) -> list[dict[str, Any]]:
-    """Delays as rows of `delays_of`."""
-    every = [{name: value for name, value in one.as_json().items() if name[:6] != "clear_"} for one in found]
-    return json.loads(json.dumps(every))  # lists, not tuples
 
 
 def random_differences(
@@ -121,8 +109,8 @@ def random_differences(
     return Differences(track, other, low, high, np.where(known, inner_low, 1), np.where(known, inner_high, 0))
 
 
-def test_python_and_sql_answer_alike_from_any_differences(dsn: str) -> None:
-    """Every column, to the bit: computed from pieces, from stored rows in Python, and from them in SQL."""
+def test_any_differences_answer_alike_from_pieces_and_from_rows(dsn: str) -> None:
+    """Every column, to the bit."""
     rng, horizon_us = np.random.default_rng(11), 20
     plain = track("EAST", [(0.0, 0.0), (0.5, 0.0)], [0, 3600], 100, 100, 50, 50)
     tracks = [plain, waiting("WAITS", 0.25), voyages(waiting("RETURNS", 0.35))]
@@ -159,9 +147,6 @@ def test_python_and_sql_answer_alike_from_any_differences(dsn: str) -> None:
             ]
             now = None if now_us is None else np.datetime64(now_us, "us")
             assert known.delays(None, within_us / 1e6, now) == expected
-            given = None if now_us is None else EPOCH + now_us * MICROSECOND
-            found = conn.execute(OF_SQL.encode(), ["s", None, within_us / 1e6, given]).fetchall()
-            assert [row for (row,) in found] == as_rows(expected)
             blocked += sum(bool(one.blocked_by) for one in expected)
     assert blocked > 20
 
@@ -282,7 +267,7 @@ Crossing = tuple[conflictdb.Database, StoredScene, list[Area], list[Track]]
 
 
 def test_pending_marks_are_computed_and_never_looked_up(crossing: Crossing) -> None:
-    """Of any object: a new one may meet everything. SQL without a worker says so."""
+    """Of any object: a new one may meet everything."""
     db, known, areas, tracks = crossing
     found = rows(db.connection, "s")
     late = replace(tracks[1], times_us=tracks[1].times_us + 600_000_000)
@@ -290,9 +275,6 @@ def test_pending_marks_are_computed_and_never_looked_up(crossing: Crossing) -> N
     changed = conflictdb.delays([tracks[0], late, tracks[2]], areas, known.settings(), None, WITHIN_S)
     assert known.delays(None, WITHIN_S) == changed
     assert rows(db.connection, "s") == found
-    with pytest.raises(psycopg.Error, match="is not current") as refused, db.connection.transaction():
-        db.connection.execute("SELECT conflictdb.delays_of('s', 'WAITS')")
-    assert refused.value.sqlstate == "ZC014"
     known.detect()
     assert known.delays(None, WITHIN_S) == changed
     assert rows(db.connection, "s") != found
@@ -300,7 +282,7 @@ def test_pending_marks_are_computed_and_never_looked_up(crossing: Crossing) -> N
 
 def test_what_is_not_stored_is_computed(crossing: Crossing) -> None:
     """A longer horizon, waits at a waypoint, margins in metres, unknown tracks."""
-    db, known, areas, tracks = crossing
+    _, known, areas, tracks = crossing
     settings = known.settings()
     assert known.delays("EAST", 2 * WITHIN_S) == conflictdb.delays(tracks, areas, settings, "EAST", 2 * WITHIN_S)
     assert known.delays("WAITS", waypoint=2) == conflictdb.delays(tracks, areas, settings, "WAITS", waypoint=2)
@@ -308,37 +290,21 @@ def test_what_is_not_stored_is_computed(crossing: Crossing) -> None:
     for key in ("BAR", "nobody"):
         with pytest.raises(InvalidInput, match=r"is not known|does not depart"):
             known.delays(key, WITHIN_S)
-    worker = "SELECT conflictdb.request_delays('s', 'EAST', '1 hour') AS question"
-    (question,) = db.connection.execute(worker).fetchall()[0]
+
+
+def test_a_worker_looks_up_too(crossing: Crossing, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It reads no objects, and says what Python says."""
+    db, known, *_ = crossing
+    [expected] = known.delays("EAST", WITHIN_S)
+    ask = "SELECT conflictdb.request_delays('s', 'EAST', '1 hour')"
+    (question,) = db.connection.execute(ask).fetchall()[0]
     db.connection.commit()
+    monkeypatch.setattr(store, "read_scene", None)
     probes.answer(db.connection)
     query = "SELECT to_json(d.*) FROM conflictdb.wait_for_delays(%s) d"
-    assert (
-        db.connection.execute(query, [question]).fetchall()
-        == db.connection.execute(OF_SQL.encode(), ["s", "EAST", WITHIN_S, None]).fetchall()
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "state", "says"),
-    [
-        ("'s', 'EAST', '-1 s'", "ZC003", "horizon: must be an interval from 0"),
-        ("'s', 'EAST', '10000 years'", "ZC003", "horizon: must be an interval from 0"),
-        ("'s', 'EAST', '1 hour 0.000001 s'", "ZC003", "horizon: must be at most delays_within_s, 3600 s"),
-        ("'s', 'EAST', NULL, 'infinity'", "ZC003", "now: must be an instant"),
-        ("'s', 'BAR'", "ZC011", "is not a track"),
-        ("'s', 'nobody'", "ZC011", "is not a track"),
-        ("'nowhere', 'EAST'", "ZC010", "nowhere"),
-        ("'bare', 'EAST'", "ZC009", "delays_within_s: is 0: no delays are stored"),
-    ],
-)
-def test_sql_refuses_what_it_cannot_look_up(crossing: Crossing, arguments: str, state: str, says: str) -> None:
-    db, *_ = crossing
-    db.connection.execute("SELECT conflictdb.create_scene('bare')")
-    db.connection.commit()
-    with pytest.raises(psycopg.Error) as refused, db.connection.transaction():
-        db.connection.execute(f"SELECT conflictdb.delays_of({arguments})".encode())
-    assert (refused.value.sqlstate, says in str(refused.value)) == (state, True), refused.value
+    [(found,)] = db.connection.execute(query, [question]).fetchall()
+    said = {name: value for name, value in expected.as_json().items() if name[:6] != "clear_"}
+    assert found == json.loads(json.dumps(said))  # lists, not tuples
 
 
 @pytest.mark.parametrize("within_s", [-1.0, float("inf"), float("nan"), 3.2e11])
@@ -398,11 +364,6 @@ def test_a_reader_without_rights_sees_nothing(crossing: Crossing, dsn: str) -> N
             conn.rollback()
             if access:
                 assert StoredScene("s", lambda conn=conn: conn).delays("EAST", WITHIN_S) == expected
-                assert conn.execute("SELECT key FROM conflictdb.delays_of('s', 'EAST')").fetchall() == [("EAST",)]
-            else:
-                with pytest.raises(psycopg.Error) as refused:
-                    conn.execute("SELECT conflictdb.delays_of('s', 'EAST')")
-                assert refused.value.sqlstate == "ZC010"
             conn.rollback()
             for statement in ("DELETE FROM conflictdb.difference", "UPDATE conflictdb.difference SET track_id = 1"):
                 with pytest.raises(psycopg.errors.InsufficientPrivilege):
@@ -438,7 +399,7 @@ def test_copies_files_names_and_removal(crossing: Crossing, tmp_path: Path) -> N
     assert count == (len(found),)
 
 
-def test_conflicts_of_spark_bring_differences(crossing: Crossing) -> None:
+def test_conflicts_of_spark_bring_differences(crossing: Crossing, monkeypatch: pytest.MonkeyPatch) -> None:
     """Computed elsewhere, conflicts are written back by another routine, which clears marks, too."""
     db, known, areas, tracks = crossing
     conn = db.connection
@@ -449,8 +410,8 @@ def test_conflicts_of_spark_bring_differences(crossing: Crossing) -> None:
     import_computed.write_back(conn, "s", known.settings(), states, iter(()))
     assert known.state().is_current
     expected = conflictdb.delays([late, *tracks[1:]], areas, known.settings(), None, WITHIN_S)
-    assert conn.execute("SELECT key FROM conflictdb.delays_of('s')").fetchall() == [("EAST",), ("NORTH",), ("WAITS",)]
-    conn.commit()
+    assert rows(conn, "s")
+    monkeypatch.setattr(store, "read_scene", None)
     assert known.delays(None, WITHIN_S) == expected
 
 
@@ -504,4 +465,4 @@ def test_an_upgrade_adds_the_setting_and_no_row(dsn: str) -> None:
         known.detect()
         assert rows(db.connection, "s") == []
         known.detect(delays_within_s=60.0)
-        assert db.connection.execute("SELECT key FROM conflictdb.delays_of('s')").fetchall() == [("W",)]
+        assert [one.key for one in known.delays(None, 60.0)] == ["W"]

@@ -59,7 +59,6 @@ READS = {
     "conflicts_of": "SELECT * FROM conflictdb.conflicts_of('{s}', 'A')",
     "conflicts_of_class": "SELECT * FROM conflictdb.conflicts_of_class('{s}', 'tug')",
     "conflicts_within": f"SELECT * FROM conflictdb.conflicts_within('{{s}}', {AREA}, NULL)",
-    "delays_of": "SELECT * FROM conflictdb.delays_of('{s}', 'T', '10 min', NULL)",
     "explain_conflict": "SELECT conflictdb.explain_conflict('{s}', 'A', 'B')",
     "explain_conflict_text": "SELECT conflictdb.explain_conflict_text('{s}', 'A', 'B')",
     "haven_at": "SELECT conflictdb.haven_at('{s}', 'T', '2026-03-01 12:00Z')",
@@ -122,8 +121,8 @@ OF_WORKERS = {"prune_history": "SELECT conflictdb.prune_history('{s}', '0')"}
 OF_NOBODY = {"protect_scenes"}
 # A wait that ends without an answer, or conflicts that are not current.
 ANSWERS = {"ZC013", "ZC014", "ZC015", "ZC018"}
-# There is no such request; another test has created the scene again, without stored delays.
-ANSWERS_OF = {"wait_for_admission": {"ZC011"}, "delays_of": {"ZC009"}}
+# There is no such request.
+ANSWERS_OF = {"wait_for_admission": {"ZC011"}}
 # A reader sees no branches of others.
 ANSWERS_OF_READERS = {"branch_conflicts": {"ZC010"}, "branch_objects": {"ZC010"}}
 

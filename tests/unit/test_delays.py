@@ -350,10 +350,9 @@ def test_an_object_blocks_only_if_its_intervals_cover_every_possible_delay() -> 
     rows = [(both, 0, 4), (both, 6, 10), (parts, -3, 5), (parts, 6, 12), (early, -9, -2), (early, 9, 20), (rest, 0, 10)]
     other, low, high = np.array(rows, np.int64).T
     found = Differences.of_intervals(other, low, high, np.zeros(len(rows), np.bool_))
-    outer, _ = found.forbidden(-20, 20)
-    assert found.blocking(outer, 0, 10) == {parts, rest}
-    assert found.blocking(outer, 7, 10) == {both, parts, rest}
-    assert found.blocking(outer, 0, 11) == {parts}
+    assert found.blocking(0, 10) == {parts, rest}
+    assert found.blocking(7, 10) == {both, parts, rest}
+    assert found.blocking(0, 11) == {parts}
 
 
 @pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])

@@ -9,7 +9,6 @@ REMEDIES: Final = {
     "attached_watchable": "Give --every (every in Python), the interval at which to compare all rows instead.",
     "branch_current": "`conflictdb detect --scene BRANCH` does it.",
     "conflict_known": "`conflictdb conflicts` lists those that are.",
-    "delays_stored": "`conflictdb detect --scene NAME --delays-within-s 7200` stores them.",
     "footprint_valid": "shapely.make_valid and most GIS programs repair it.",
     "outline_convex": "Split it into several tracks, or give its convex hull.",
     "outline_corners": "Simplify it.",
