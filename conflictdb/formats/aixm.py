@@ -16,10 +16,29 @@ from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents, Skipped
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.gml import Geometries
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.timesheets import schedule_of_sheets
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
+STANDARD: Final = Standard(
+    "AIXM",
+    read={
+        "beginPosition endPosition timePosition": "valid time",
+        "lowerLimit lowerLimitReference upperLimit upperLimitReference": "heights",
+        "radius startAngle endAngle": "arcs and circles",
+        "startTime endTime startDate endDate day dayTil startEvent endEvent timeReference": "schedule",
+        "startTimeRelativeEvent endTimeRelativeEvent": "schedule",
+        "daylightSavingAdjust excluded": "refused if they are YES",
+    },
+    unread={
+        "maximumLimit maximumLimitReference minimumLimit minimumLimitReference": "bounds of limits above the ground",
+        "levels": "heights of an activation: all heights of the volume count",
+        "width": "of a corridor",
+    },
+    aside={"featureLifetime": "since when the record exists", "annotation": "notes"},
+    within=("Airspace",),
+)
 _NAMESPACES: Final = ("http://www.aixm.aero/schema/5.1/message", "http://www.aixm.aero/schema/5.1.1/message")
 _WHOLE: Final = ("BASELINE", "SNAPSHOT")
 _DELTAS: Final = ("PERMDELTA", "TEMPDELTA")

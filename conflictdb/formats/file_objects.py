@@ -32,6 +32,7 @@ from conflictdb.formats.json_text import check_storable
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.rings import LongSides
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
@@ -82,6 +83,25 @@ TRACK_MEMBERS: Final = frozenset(
         *TOLERANCES,
         *SIZES,
     }
+)
+SCENE: Final = Standard(
+    "scene file",
+    read={
+        "start end spans schedule": "when an area is active",
+        "times datetimes departures": "times of a track",
+        "radius_m": "circles",
+        "floor_m ceiling_m": "heights, also of legs",
+        DATUM: "what heights are above",
+        " ".join(SIZES): "havens",
+        "outline_m outlines_m grow_mps": "havens that change",
+        "speed_kn speed_mps": "speeds of legs",
+        " ".join(TOLERANCES): "tolerances",
+    },
+    unread={
+        "valid_from": "properties that look like times, of areas without start or end",
+        "lowerLimit": "properties that look like heights, of objects without floor and ceiling",
+        "length": "properties that look like sizes, of tracks that are points",
+    },
 )
 # Members whose loss would change conflicts, and where else they belong.
 AREA_GUARDED: Final = tuple(sorted((AREA_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))

@@ -38,6 +38,18 @@ def geometry_type(who: str, geometry: Any) -> str:
     return str(kind)
 
 
+def has_altitudes(geometry: Any) -> bool:
+    """Return whether a GeoJSON geometry has a third number that is not 0, in its first ring or line."""
+    value = geometry.get("coordinates") if isinstance(geometry, dict) else None
+    while isinstance(value, list) and value and isinstance(value[0], list):
+        if isinstance(value[0], list) and value[0] and not isinstance(value[0][0], list):
+            if len(value[0]) < 3:
+                return False
+            return any(isinstance(one, list) and len(one) > 2 and one[2] not in (0, None) for one in value)
+        value = value[0]
+    return isinstance(value, list) and len(value) > 2 and value[2] not in (0, None)
+
+
 def line(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
     """Return the (n, 2) longitudes and latitudes of a LineString in degrees, n >= 2."""
     positions = _positions(who, where, coordinates)

@@ -17,9 +17,31 @@ from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import departure
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.routes import Route, Waypoint
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
+STANDARD: Final = Standard(
+    "GPX",
+    read={
+        "time": "times of a track; of a route if all its points have one",
+        "planned_departure etd": "departure",
+        "planned_speed": "speeds of legs",
+    },
+    unread={
+        "ele geoidheight": "heights of points",
+        "speed": "speed at a point",
+        "depth Depth": "depths of Garmin",
+        "hdop vdop pdop ageofdgpsdata": "accuracy",
+        "arrival_radius waypoint_range_rings Proximity": "distances of alarms",
+    },
+    aside={
+        "metadata": "when the file was made",
+        "wpt": "waypoints, left out by number",
+        "start end": "names of places",
+        "style line": "drawing",
+    },
+)
 _OPENCPN: Final = "OpenCPN"
 _LAYERS: Final = ("waypoints", "routes", "tracks", "route_points", "track_points")
 _NO_SIZES: Final = f"{SAYS_NO_SIZES}: all tracks are points"

@@ -18,8 +18,24 @@ from conflictdb.formats.contents import TOO_LARGE, FileRefusals, Remark
 from conflictdb.formats.file_objects import AREA_MEMBERS, DATUM, TRACK_MEMBERS
 from conflictdb.formats.instants import format_instant, parse_instant
 from conflictdb.formats.kml_rewriting import rewritten
+from conflictdb.formats.standards import Standard, altitudes
 from conflictdb.formats.xml_text import Element, parsed
 
+STANDARD: Final = Standard(
+    "KML",
+    read={
+        "begin end": "TimeSpan of a placemark, or of a folder or document around it",
+        "when": "times of a Track; TimeStamp of an area is remarked as a property",
+        "altitudeMode": "the reference of heights in the data",
+    },
+    unread={"altitudeOffset": "heights"},
+    aside={
+        "Region LookAt Camera Style StyleMap IconStyle LineStyle": "drawing",
+        "NetworkLinkControl NetworkLink Tour GroundOverlay ScreenOverlay PhotoOverlay": "drawing, and other files",
+        "snippet Snippet description name": "texts",
+        "SimpleData SimpleField value": "data, which are columns",
+    },
+)
 # The reference of altitudes, by mode.
 ALTITUDE_MODES: Final = {
     "absolute": "MSL",
@@ -37,6 +53,8 @@ _NUMBERS: Final = _WHOLE | {"float", "double"}
 _SHAPES: Final = ("Polygon", "LineString", "LinearRing", "Point", "Track")
 _FLOAT: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITIONS: Final = re.compile(rf"(?:{_FLOAT},{_FLOAT}(?:,{_FLOAT})?(?:\s+|\Z))*+")
+# A third number that is not 0; in a gx:coord blanks are between them.
+_ALTITUDE: Final = re.compile(r"[-\d.]+[, ][-\d.]+[, ][-+]?0{0,9}\.?0{0,9}[1-9]")
 _CORNERS: Final = 4  # of a ring, with the first one again
 # The blanks of a run are tried once, from the first one.
 _COMMA: Final = re.compile(r"(?<!\s)\s*,\s*|,\s*")
@@ -98,7 +116,13 @@ class KmlDocument:
         return found
 
     def remarks(self, source: str) -> Iterator[Remark]:
-        """Yield a remark if the file refers to others."""
+        """Yield remarks on what is not read, and on files to which it refers."""
+        high = sum(
+            any(map(_ALTITUDE.search, (one.text for one in placemark.all("coordinates", "coord"))))
+            for placemark in self.root.all("Placemark")
+        )
+        yield from altitudes(source, high)
+        yield from STANDARD.remarks(source, STANDARD.of_xml(self.root))
         links = list(self.root.all("NetworkLink"))
         if links:
             to = next(links[0].all("href"), None)

@@ -18,9 +18,14 @@ from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, al
 from conflictdb.formats.contents import Contents, Remark, Skipped
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.instants import format_instant
+from conflictdb.formats.standards import Standard
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import METRES_PER_NMI
 
+STANDARD: Final = Standard(
+    "NOTAM",
+    read={"B) C)": "times", "D)": "schedule", "F) G)": "heights; else those of Q)", "Q) E)": "circle or polygon"},
+)
 # Subjects of item Q whose NOTAM close or endanger airspace: organisation, restrictions, warnings.
 _SUBJECTS: Final = ("QA", "QR", "QW")
 _KEY: Final = r"[A-Z]\d{1,6}/(?:20)?\d\d(?!\d)"

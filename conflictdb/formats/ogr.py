@@ -53,6 +53,7 @@ from conflictdb.formats.kml_tracks import GxTracks
 from conflictdb.formats.names import RENAME_COLUMN, SETTINGS, can_be
 from conflictdb.formats.reference import EXTRA, of_name
 from conflictdb.formats.rings import LongSides
+from conflictdb.formats.standards import altitudes
 from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
@@ -98,6 +99,9 @@ PROGRAM: Final = ConfinedProgram(
 )
 
 
+_LAYER: Final = ("name", "crs", "fields", "numbers", "columns", "is_high")
+
+
 @dataclass(frozen=True, slots=True)
 class Layer:
     """One layer of a file.
@@ -107,6 +111,7 @@ class Layer:
     numbers : of its features
     shapes : geometries as WKB, two-dimensional; None for a feature without
     columns : values by column, as JSON values; None is missing
+    is_high : whether its geometries have a third coordinate
     """
 
     name: str
@@ -115,13 +120,14 @@ class Layer:
     numbers: list[int]
     shapes: NDArray[np.object_]
     columns: list[list[Any]]
+    is_high: bool = False
 
     @classmethod
     def of(cls, layer: Mapping[str, Any]) -> "Layer":
         """Return a layer as `ogr_child` writes it."""
         shapes = np.empty(len(layer["shapes"]), dtype=object)
         shapes[:] = [None if shape is None else bytes.fromhex(shape) for shape in layer["shapes"]]
-        return cls(layer["name"], layer["crs"], layer["fields"], layer["numbers"], shapes, layer["columns"])
+        return cls(shapes=shapes, **{name: layer[name] for name in _LAYER})
 
 
 def read_objects(
@@ -166,6 +172,9 @@ def read_objects(
             timed_lines.read(str(path), max_speed_kn, contents, refusals)
     if document is not None:
         contents.remarks = [*contents.remarks, *document.remarks(str(path))]
+    else:
+        high = sum(len(layer.numbers) for layer in chosen if layer.is_high)
+        contents.remarks = [*contents.remarks, *altitudes(str(path), high)]
     if not skip_invalid:
         refusals.raise_found()
     contents.skipped.extend(left_out(str(path), refusals))

@@ -46,6 +46,7 @@ def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
             "crs": meta["crs"],
             "fields": [str(field) for field in meta["fields"]],
             "numbers": numbers.tolist(),
+            "is_high": "Z" in str(meta["geometry_type"]) or "2.5D" in str(meta["geometry_type"]),
             "shapes": [None if shape is None else shape.hex() for shape in shapes],
             "columns": [[_plain(value) for value in column] for column in columns],
         }

@@ -23,10 +23,17 @@ from conflictdb.formats.contents import Contents, Remark, Skipped, row_id
 from conflictdb.formats.discs import MAX_RADIUS_M
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.instants import parse_end, parse_instant
+from conflictdb.formats.standards import Standard
 from conflictdb.model.plans import METRES_PER_NMI
 
 Floats = NDArray[np.float64]
 
+STANDARD: Final = Standard(
+    "OpenAir",
+    read={"AA": "times", "AL AH": "heights", "DA DB DC DP V": "shapes"},
+    unread={"*AActiv *ATimes *AExSAT *AExSUN *AExHOL *ASeeNOTAM": "times in comments", "AU AM": "any other record"},
+    aside={"AT SP SB TB": "drawing", "AC AY AN AI AF AR AG AX TP": "no quantities"},
+)
 # Airspaces begin with their class; then come a name, heights, or points.
 _SIGN: Final = re.compile(
     r"^AC[ \t]+\S.*$(?:\s*^(?:\*.*|[A-Z]{2}[ \t].*)$)*?\s*^(?:AN|AH|AL|DP|DC|V)[ \t]", re.MULTILINE

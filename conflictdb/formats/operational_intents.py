@@ -16,7 +16,14 @@ from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.names import look_alike
+from conflictdb.formats.standards import Standard
 
+STANDARD: Final = Standard(
+    "ASTM F3548",
+    read={"time_start time_end": "times", "altitude_lower altitude_upper": "heights", "radius": "circles"},
+    unread={"reference/time_start reference/time_end": "the time of all volumes together"},
+    aside={"subscription": "of who is told", "conflictdb": "of an export, read"},
+)
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")
 # The member of a reference that `volumes_writing` writes: name, class, owner and properties of the object.

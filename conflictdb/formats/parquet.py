@@ -63,6 +63,7 @@ from conflictdb.formats.parquet_process import decoded
 from conflictdb.formats.positions import COLUMNS, read_positions
 from conflictdb.formats.rings import LongSides
 from conflictdb.formats.scene_file import scene_of
+from conflictdb.formats.standards import altitudes
 from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import MAX_DURATION_S, TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
@@ -88,6 +89,7 @@ class _Found:
     stem : begins the ids of rows without one; `derived` has the first of these
     others : rows of unusable geometry, by type, over all parts
     time_like : the columns of lines among them that look like times
+    high : rows with a third coordinate
     """
 
     refusals: Refusals
@@ -101,6 +103,7 @@ class _Found:
     items: list[Area | Track | TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
     time_like: dict[str, None] = field(default_factory=dict)
+    high: int = 0
 
     def add(self, row: int, item: Area | Track | TrackAtSpeed) -> None:
         """Add the object of a row; refuse an id that an earlier row has."""
@@ -231,6 +234,7 @@ def _read_rows(found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layou
         row += batch.num_rows
         yield
     found.remarks += [] if sides is None else sides.remarks(found.source)
+    found.remarks += altitudes(found.source, found.high)
 
 
 def _unusable_rows(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -305,6 +309,7 @@ def _add_rows(
     names, columns = _values(batch, {layout.geometry, *layout.aside})
     has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in names)
     measured = shapely.has_m(shapes)
+    found.high += int((shapely.has_z(shapes) & ~np.isin(shapely.get_type_id(shapes), POINTS)).sum())
     for i, shape in enumerate(shapes):
         where = f"row {row + i}"
         values = {name: column[i] for name, column in zip(names, columns, strict=True)}

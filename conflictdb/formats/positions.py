@@ -12,7 +12,7 @@ a size, and objects with a single fix. A file that is no position file is refuse
 
 import csv
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Set
 from decimal import Decimal
 from io import StringIO
@@ -29,6 +29,7 @@ from conflictdb.formats.hints import given_haven, renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.json_text import check_text
 from conflictdb.formats.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.formats.standards import Standard
 from conflictdb.model.speed_limits import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 
 # Column of this package -> accepted names, in lower case; the first is the package's own.
@@ -49,6 +50,15 @@ COLUMNS: Final = {
     "class": ("class",),
     "owner": ("owner",),
 }
+STANDARD: Final = Standard(
+    "CSV, as of AIS",
+    read={
+        " ".join(COLUMNS["time"]).replace("# timestamp", "timestamp"): "times",
+        "floor_m ceiling_m": "heights",
+        " ".join(name for one in (*LENGTH_WIDTH, *SIDES) for name in COLUMNS[one]): "sizes",
+    },
+    unread={"sog speed": "speeds", "draught draft altitude": "heights and depths", "eta": "times of arrival"},
+)
 REQUIRED: Final = ("id", "time", "lon", "lat")
 # Names that no other column may resemble; names without influence on conflicts are not checked.
 _GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
@@ -120,7 +130,11 @@ def read_positions(
         of = f"{len(flat):,} of {len(fixes):,} objects have"
         texts.append(f"{of} a length and no width, or the reverse, such as {flat[0]!r:.60}: --haven gives them one")
     texts += _without_bound(fixes, {track.key for track in tracks})
-    contents.remarks = [Remark(source, "file", text) for text in texts]
+    changing = Counter(
+        name for rows in fixes.values() for name, value in rows.constant.items() if value is None and name != "name"
+    )
+    unread = Counter({name: count for name, count in changing.items() if STANDARD.is_unread(name.lower())})
+    contents.remarks = [*(Remark(source, "file", text) for text in texts), *STANDARD.remarks(source, unread)]
     return contents
 
 

@@ -48,7 +48,7 @@ from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.rings import HalfTurns
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
-from conflictdb.formats.time_columns import TimeColumns
+from conflictdb.formats.time_columns import UnreadProperties
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
@@ -166,17 +166,17 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    times, owners, turns = TimeColumns(), Owners(), HalfTurns()
+    unread, owners, turns = UnreadProperties(), Owners(), HalfTurns()
     for areas, tracks in each:
         summary.add(areas, tracks)
-        times.add(areas)
+        unread.add([*areas, *tracks])
         turns.add(areas)
         owners.add([*areas, *tracks])
         yield areas, tracks
     parts.refusals.extend(summary.twice())
     parts.remarks += [
         *(() if len(summary) else (_empty(source),)),
-        *times.remarks(source),
+        *unread.remarks(source),
         *owners.remarks(source),
         *turns.remarks(source),
         *summary.remarks(source),
@@ -186,9 +186,9 @@ def _summed_up(
 def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     if not contents.areas and not contents.tracks:
         yield _empty(source)
-    times = TimeColumns()
-    times.add(contents.areas)
-    yield from times.remarks(source)
+    unread = UnreadProperties()
+    unread.add([*contents.areas, *contents.tracks])
+    yield from unread.remarks(source)
     owners = Owners()
     owners.add([*contents.areas, *contents.tracks])
     yield from owners.remarks(source)

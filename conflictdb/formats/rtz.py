@@ -17,10 +17,33 @@ from conflictdb.formats.json_text import parse
 from conflictdb.formats.names import look_alike
 from conflictdb.formats.routes import A_POINT, Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
 from conflictdb.model.plans import Scene
 
+STANDARD: Final = Standard(
+    "RTZ",
+    read={
+        "eta etd stay": "times",
+        "etaWindowBefore etaWindowAfter etdWindowBefore etdWindowAfter": "windows of departure and arrival",
+        "speed": "speeds of legs",
+        "speedWindow": "bounds of speeds",
+        "portsideXTD starboardXTD radius": "tolerances",
+    },
+    unread={
+        "speedMin speedMax": "limits of the ship on a leg",
+        "draughtForward draughtAft staticUKC dynamicUKC masthead safetyContour safetyDepth": "depths and heights",
+        "validityPeriodStart validityPeriodStop": "when the route may be used",
+        "vesselSpeedMax vesselSpeedMin vesselServiceMax vesselServiceMin": "limits of the ship",
+        "vesselMaxRoll vesselMaxWave vesselMaxWind": "limits of the weather",
+        "actionPoint/radius timeToAct minutesToAct": "reminders",
+    },
+    aside={
+        "windSpeed windDirection currentSpeed currentDirection windLoss waveLoss": "weather",
+        "extension": "of other programs",
+    },
+)
 VERSIONS: Final = ("1.0", "1.1", "1.2")
 # The second one is of the reference routes of the Norwegian Coastal Administration.
 _NAMESPACES: Final = ("http://www.cirm.org/RTZ/", "https://cirm.org/rtz-xml-schemas")

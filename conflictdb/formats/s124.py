@@ -12,9 +12,24 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents, Skipped
 from conflictdb.formats.gml import Geometries
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import time_of
 from conflictdb.formats.xml_text import Element
 
+STANDARD: Final = Standard(
+    "S-124",
+    read={"dateStart dateEnd date timeOfDayStart timeOfDayEnd": "times", "periodicDateRange": "refused"},
+    unread={
+        "cancellationDate": "when a warning ends",
+        "verticalClearanceValue depthMinimum depthMaximum": "heights and depths",
+        "horizontalWidth": "widths",
+    },
+    aside={
+        "publicationTime sourceDate reportedDate": "when a warning was made",
+        "boundedBy": "box of the file",
+        "DataSetIdentificationInformation DatasetIdentificationInformation": "when the file was made",
+    },
+)
 _NAMESPACE: Final = "http://www.iho.int/S124/"
 # Parts of warnings, in the names of all versions, and the larger area that a warning affects.
 _PARTS: Final = ("NavwarnPart", "NAVWARNPart", "S124_NavigationalWarningPart", "NavwarnAreaAffected")

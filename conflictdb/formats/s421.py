@@ -12,9 +12,32 @@ from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents, Remark
 from conflictdb.formats.gml import Geometries
 from conflictdb.formats.routes import A_POINT, Route, Waypoint, agreed, agreed_speed, limit_m
+from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
+_ELEMENT, _LEG = "routeScheduleElement", "routeWaypointLeg"
+STANDARD: Final = Standard(
+    "S-421",
+    read={
+        f"{_ELEMENT}ETA {_ELEMENT}ETD": "times",
+        " ".join(f"{_ELEMENT}{one}Window{side}" for one in ("ETA", "ETD") for side in ("Before", "After")): "windows",
+        f"{_ELEMENT}PlanSOG": "speeds of legs",
+        f"{_LEG}PortXTDL {_LEG}StarboardXTDL routeWaypointTurnRadius": "tolerances",
+    },
+    unread={
+        f"{_ELEMENT}Stay {_ELEMENT}SpeedWindow {_ELEMENT}PlanSTW": "stays, and speeds through the water",
+        f"{_LEG}SpeedMin {_LEG}SpeedMax": "limits of the ship on a leg",
+        " ".join(
+            f"{_LEG}{one}"
+            for one in ("DraughtForward", "DraughtAft", "StaticUKC", "DynamicUKC", "Masthead", "SafetyContour")
+        ): "depths and heights",
+        f"{_LEG}SafetyDepth routeWaypointActionPointRadius": "depths and reminders",
+        "routeInfoValidityPeriodStart routeInfoValidityPeriodStop": "when the route may be used",
+        "routeInfoVesselSpeedMin routeInfoVesselSpeedMax": "limits of the ship",
+    },
+    aside={"boundedBy": "box of the file", "DataSetIdentificationInformation": "when the file was made"},
+)
 _NAMESPACE: Final = "http://www.iho.int/S421/"
 _GEOMETRY: Final = {"1": False, "loxodrome": False, "2": True, "orthodrome": True}
 # The standard allows up to 10 km.

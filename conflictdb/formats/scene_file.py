@@ -17,10 +17,11 @@ from conflictdb.formats import dialects, file_objects, moving_features, names, p
 from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, row_id, unwatched
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.geometry import CUT_TRACK_TYPE, TRACK_TYPE, geometry_type
+from conflictdb.formats.geometry import CUT_TRACK_TYPE, TRACK_TYPE, geometry_type, has_altitudes
 from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
 from conflictdb.formats.rings import LongSides
+from conflictdb.formats.standards import altitudes
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.rules import Rule, check_count, members_of, rule_of
@@ -109,9 +110,10 @@ def _read(
     size_mb = len(text) // 1_000_000
     document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
     # Requests carry properties of any source, which would name its format.
-    read_dialect = dialects.of_json(document) if settings is None else None
-    if read_dialect is not None:
-        return read_dialect(document, source, stem=stem, skip_invalid=skip_invalid)
+    if settings is None:
+        contents = dialects.read_json(document, source, stem=stem, skip_invalid=skip_invalid)
+        if contents is not None:
+            return contents
     if not isinstance(document, dict):
         raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
     if document.get("type") == "Feature" or moving_features.is_bare(document):
@@ -153,8 +155,10 @@ def _read(
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
     derived: list[str] = []
+    high = 0
     for first in range(0, len(features), _AT_ONCE):
         some = features[first : first + _AT_ONCE]
+        high += sum(map(_is_high, some))
         features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
         for i, (feature, plain) in enumerate(zip(some, plain_features.objects(some, setting), strict=True), first):
             if plain is not None:
@@ -171,7 +175,14 @@ def _read(
     contents = Contents(scene, areas, tracks, left_out(source, of_objects))
     contents.derived = derived
     contents.remarks = [] if setting.long_sides is None else list(setting.long_sides.remarks(source))
+    contents.remarks = [*contents.remarks, *altitudes(source, high)]
     return contents
+
+
+def _is_high(feature: Any) -> bool:
+    """Return whether a feature has altitudes."""
+    names = ("geometry", "temporalGeometry")
+    return isinstance(feature, dict) and any(has_altitudes(feature.get(name)) for name in names)
 
 
 def _foreign(names_: Any) -> frozenset[str]:

@@ -1,67 +1,90 @@
-"""Find unread properties of areas that look like times: such areas may be active for longer than intended."""
+"""Find unread properties that look like times, heights or sizes of objects without these.
+
+An area may be active for longer than intended, an object at all heights, and a track may be a point.
+"""
 
 import re
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from conflictdb.formats.contents import Remark
-from conflictdb.model.plans import Area
+from conflictdb.formats.standards import MADE, Quantity, quantity_of
+from conflictdb.model.plans import Area, Track
 
 _INSTANT: Final = re.compile(r"\s*(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[-/.]\d\d?[-/.]\d{4})(?:[T ]\d\d:\d\d.*)?\s*")
-_WORDS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-# Words of a name that make a number an instant.
-_TIME_WORDS: Final = frozenset(
-    {"time", "date", "datetime", "timestamp", "from", "to", "since", "until", "till", "valid", "validity", "start"}
-    | {"begin", "end", "expiry", "expires", "expiration", "active", "activation", "effective"}
-)
 # Least number that may be an instant: seconds since 1970, in 1973. Milliseconds are larger.
 _LEAST: Final = 1e8
 _MOST_NAMED: Final = 20
+_LACKS: Final = {
+    Quantity.TIME: "start or end",
+    Quantity.HEIGHT: "floor and ceiling",
+    Quantity.SIZE: "a size",
+}
 
-
-# Names of limits of heights, in lower case.
-_HEIGHT: Final = re.compile(
-    r"(lower|upper|min|max|minimum|maximum|bottom|top)[-_ ]?(limit|alt|altitude|height|level|vertical)(_?(m|ft|feet))?$"
-)
-# Nested values that say when data were made, not when an area is active.
-_MADE: Final = re.compile("creat|updat|modif|publi|issue|edit|version", re.IGNORECASE)
+# A number, perhaps with its unit, such as "2000 ft" or "FL95".
+_NUMBER: Final = re.compile(r"\s*(?:FL\s?)?[-+]?\d{1,7}(?:[.,]\d{1,6})?\s*[A-Za-z]{0,5}\s*")
 # Values of an area that are looked at.
 _MOST_VALUES: Final = 200
 
 
-class TimeColumns:
-    """The properties that look like times, or heights, of areas without a start or an end, or heights."""
+class UnreadProperties:
+    """The properties that look like times, heights or sizes of objects that have none of these."""
 
     def __init__(self) -> None:
-        self._names: dict[str, None] = {}
-        self._areas = 0
-        self._heights: dict[str, None] = {}
-        self._unbounded = 0
+        self._names: dict[tuple[Quantity, str], dict[str, None]] = defaultdict(dict)
+        self._objects: Counter[tuple[Quantity, str]] = Counter()
 
-    def add(self, areas: Iterable[Area]) -> None:
-        """Check some areas."""
-        for area in areas:
-            if area.properties and (area.start_us is None or area.end_us is None):
-                values = [one for one in _each_value(area.properties) if not ("." in one[0] and _MADE.search(one[0]))]
-                names = [name for name, value in values if is_time_like(name, value)]
-                self._names.update(dict.fromkeys(names))
-                self._areas += bool(names)
-            if area.properties and area.floor_m is None and area.ceiling_m is None:
-                names = [name for name, value in _each_value(area.properties) if _is_height_like(name, value)]
-                self._heights.update(dict.fromkeys(names))
-                self._unbounded += bool(names)
+    def add(self, objects: Iterable[Area | Track]) -> None:
+        """Check some objects."""
+        for item in objects:
+            lacks = _lacks(item) if item.properties else ()
+            if not lacks:
+                continue
+            of = "area" if isinstance(item, Area) else "track"
+            alike: dict[Quantity, dict[str, None]] = defaultdict(dict)
+            for name, value in _each_value(item.properties):
+                looks = _looks_like(name, value)
+                if looks in lacks:
+                    alike[looks][name] = None
+            for quantity, names in alike.items():
+                self._names[quantity, of].update(names)
+                self._objects[quantity, of] += 1
 
     def remarks(self, source: str) -> Iterator[Remark]:
-        """Yield one remark that names all of them, and one for heights, if there are any."""
-        for names, count, lack, alike in (
-            (self._names, self._areas, "start or end", "times"),
-            (self._heights, self._unbounded, "floor and ceiling", "heights"),
-        ):
-            if names:
-                named = ", ".join(list(names)[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
-                areas = f"{count:,} area{'' if count == 1 else 's'}"
-                text = f"{areas} without {lack}: {named} look like {alike} and are not read"
-                yield Remark(source, "file", f"{text}; rename or map what is meant as these")
+        """Yield one remark for each of these quantities that names all properties."""
+        for (quantity, of), names in sorted(self._names.items()):
+            named = ", ".join(list(names)[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
+            count = self._objects[quantity, of]
+            objects = f"{count:,} {of}{'' if count == 1 else 's'} without {_LACKS[quantity]}"
+            text = f"{objects}: {named} look like {quantity} and are not read"
+            yield Remark(source, "file", f"{text}; rename or map what is meant as these")
+
+
+def _lacks(item: Area | Track) -> list[Quantity]:
+    """Return the quantities that an object does not have."""
+    if isinstance(item, Area):
+        has = {
+            Quantity.TIME: item.start_us is not None and item.end_us is not None,
+            Quantity.HEIGHT: item.floor_m is not None or item.ceiling_m is not None,
+        }
+    else:
+        heights = (item.floor_m, item.ceiling_m, item.floors_m, item.ceilings_m)
+        has = {
+            Quantity.HEIGHT: any(one is not None for one in heights),
+            Quantity.SIZE: item.outlines_m is not None or item.grow_mps != 0.0 or bool(item.outline_m.any()),
+        }
+    return [quantity for quantity, is_given in has.items() if not is_given]
+
+
+def _looks_like(name: str, value: Any) -> Quantity | None:
+    """Return what a property looks like; times of nested objects that say when data were made look like nothing."""
+    if is_time_like(name, value):
+        return None if "." in name and MADE.search(name) else Quantity.TIME
+    if type(value) in (int, float) or (isinstance(value, str) and len(value) < 40 and _NUMBER.fullmatch(value)):
+        looks = quantity_of(name.rpartition(".")[2])
+        return None if looks is Quantity.TIME else looks
+    return None
 
 
 def _each_value(properties: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -77,11 +100,6 @@ def _each_value(properties: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             waiting += [(name, one) for one in value[:_MOST_NAMED]][::-1]
         else:
             yield name, value
-
-
-def _is_height_like(name: str, value: Any) -> bool:
-    """Return whether a number has a name of a lower or upper limit of heights."""
-    return type(value) in (int, float) and _HEIGHT.search(name.rpartition(".")[2].lower()) is not None
 
 
 def without_times(names: Collection[str]) -> str:
@@ -102,4 +120,4 @@ def is_time_like(name: str, value: Any) -> bool:
 
 def is_time_name(name: str) -> bool:
     """Return whether a name has a word of time."""
-    return not _TIME_WORDS.isdisjoint(word.lower() for word in _WORDS.findall(name[:200]))
+    return quantity_of(name) is Quantity.TIME or name.lower() == "to"

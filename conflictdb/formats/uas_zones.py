@@ -18,7 +18,32 @@ from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
 from conflictdb.formats.names import look_alike
+from conflictdb.formats.standards import Standard
 
+_PERIODS: Final = "startDateTime endDateTime permanent schedule dailyPeriod day startTime endTime startEvent endEvent"
+ED269: Final = Standard(
+    "ED-269",
+    read={
+        "lowerLimit upperLimit lowerVerticalReference upperVerticalReference uomDimensions": "heights",
+        "radius": "circles",
+        _PERIODS: "times and schedule",
+    },
+    unread={"intervalBefore": "how long before one must ask", "validFrom validTo": "when the list is valid"},
+    aside={"creationDateTime updateDateTime": "when the record was made"},
+)
+ED318: Final = Standard(
+    "ED-318",
+    read={
+        "lower upper lowerReference upperReference uom": "heights",
+        "radius": "circles",
+        _PERIODS: "times and schedule",
+    },
+    unread={"intervalBefore": "how long before one must ask", "validFrom validTo": "when the list is valid"},
+    aside={
+        "issued creationDateTime updateDateTime": "when the list or a record was made",
+        "conflictdb": "of an export, read",
+    },
+)
 _OF_ED318: Final = frozenset({"identifier", "country", "type", "variant"})
 _OF_ED269: Final = frozenset({"identifier", "country", "restriction", "geometry"})
 # Members of which a zone of ED-318 has at least some.

@@ -84,7 +84,8 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     )
     contents = formats.read(path)
     assert [area.start_us for area in contents.areas] == [None, None]
-    (remark,) = contents.remarks
+    heights, remark = contents.remarks
+    assert heights.text.startswith("2 areas without floor and ceiling: draught look like heights and are not read")
     rule = "valid_from, day, activeUntil look like times and are not read; rename or map what is meant as these"
     assert remark.text == f"2 areas without start or end: {rule}"
     known = {"start": HOURS[:1], "revised": HOURS[:1], "end": HOURS[1:2]}
@@ -341,7 +342,10 @@ def test_gpx_tracks_are_read_as_positions(tmp_path: Path) -> None:
         ("Boat.1", "no time", (3,)),
         ("a.2", "a single fix: no movement to follow", (7,)),
     ]
-    assert [remark.text for remark in contents.remarks] == ["says nothing of sizes: all tracks are points"]
+    assert [remark.text for remark in contents.remarks] == [
+        "says nothing of sizes: all tracks are points",
+        "has heights that are not read: ele (7)",
+    ]
 
 
 def test_text_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
