@@ -6,7 +6,8 @@
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
 columns of the model `ConflictRow` in conflictdb/db/models.py. `paths.md` is made from `model.path_limits` and from the
-counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). Tests say when a page is out of date
+counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). A table in `files.md` is made from what
+each reader declares (`conflictdb.formats.standards`). Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
@@ -19,7 +20,7 @@ import os
 import re
 import tempfile
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +31,22 @@ import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
 from conflictdb.cli.parser import Parser
+from conflictdb.formats import (
+    aixm,
+    file_objects,
+    gpx,
+    kml_document,
+    moving_features,
+    notam,
+    openair,
+    operational_intents,
+    positions,
+    rtz,
+    s124,
+    s421,
+    uas_zones,
+)
+from conflictdb.formats.standards import Standard
 from conflictdb.model import path_limits, record
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
@@ -46,6 +63,45 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     header = list(header)
     lines = [header, ["---"] * len(header), *([cell(text) for text in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+# --- the table of what files hold
+
+# What each reader declares, by the files that tests/support/whole_files.py has of it.
+STANDARDS: Final[dict[str, Standard]] = {
+    "a.geojson": file_objects.SCENE,
+    "m.mfjson": moving_features.STANDARD,
+    "a.csv": positions.STANDARD,
+    "a.rtz": rtz.STANDARD,
+    "a.s421": s421.STANDARD,
+    "a.gpx": gpx.STANDARD,
+    "a.kml": kml_document.STANDARD,
+    "a.xml": aixm.STANDARD,
+    "a.notam": notam.STANDARD,
+    "a.openair": openair.STANDARD,
+    "w.gml": s124.STANDARD,
+    "z269.json": uas_zones.ED269,
+    "z318.geojson": uas_zones.ED318,
+    "i.json": operational_intents.STANDARD,
+}
+BEGINS, ENDS = "<!-- Made by docs/generate.py: begin -->", "<!-- Made by docs/generate.py: end -->"
+
+
+def standards() -> str:
+    """Return the table of what formats hold, and what is read and remarked of it."""
+
+    def named(names: Mapping[str, str]) -> str:
+        return "; ".join(f"`{group.replace(' ', '`, `')}`: {text}" for group, text in names.items()) or "none"
+
+    rows = ((one.title, named(one.read), named(one.unread), named(one.aside)) for one in STANDARDS.values())
+    return table(["format", "read, and becomes", "remarked, as it is not read", "says nothing of an object"], rows)
+
+
+def files() -> str:
+    """Return the page of files with its table made anew."""
+    page = (REFERENCE / "files.md").read_text()
+    before, after = page.partition(BEGINS)[0], page.partition(ENDS)[2]
+    return f"{before}{BEGINS}\n\n{standards()}\n\n{ENDS}{after}"
 
 
 # --- the command line
@@ -555,7 +611,7 @@ def main() -> None:
         os.environ["CONFLICTDB_HOME"] = f"{home}/database"
         with conflictdb.connect() as db, db.connection.transaction():
             pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
-        pages["paths.md"] = paths()
+        pages |= {"paths.md": paths(), "files.md": files()}
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
     MODELS.write_text(models())

@@ -91,7 +91,7 @@ SCENE: Final = Standard(
         "times datetimes departures": "times of a track",
         "radius_m": "circles",
         "floor_m ceiling_m": "heights, also of legs",
-        DATUM: "what heights are above",
+        DATUM: "refused if it is not that of the scene",
         " ".join(SIZES): "havens",
         "outline_m outlines_m grow_mps": "havens that change",
         "speed_kn speed_mps": "speeds of legs",

@@ -26,7 +26,7 @@ STANDARD: Final = Standard(
     read={
         "begin end": "TimeSpan of a placemark, or of a folder or document around it",
         "when": "times of a Track; TimeStamp of an area is remarked as a property",
-        "altitudeMode": "the reference of heights in the data",
+        "altitudeMode": "refused if heights in the data are not above the datum of the scene",
     },
     unread={"altitudeOffset": "heights"},
     aside={
@@ -53,8 +53,11 @@ _NUMBERS: Final = _WHOLE | {"float", "double"}
 _SHAPES: Final = ("Polygon", "LineString", "LinearRing", "Point", "Track")
 _FLOAT: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITIONS: Final = re.compile(rf"(?:{_FLOAT},{_FLOAT}(?:,{_FLOAT})?(?:\s+|\Z))*+")
-# A third number that is not 0; in a gx:coord blanks are between them.
-_ALTITUDE: Final = re.compile(r"[-\d.]+[, ][-\d.]+[, ][-+]?0{0,9}\.?0{0,9}[1-9]")
+# A third number that is not 0, in coordinates and in a gx:coord.
+_ALTITUDE: Final = {
+    "coordinates": re.compile(r",[-+]?[\d.]+,[-+]?0{0,9}\.?0{0,9}[1-9]"),
+    "coord": re.compile(r"\A\s*+\S++\s++\S++\s++[-+]?0{0,9}\.?0{0,9}[1-9]"),
+}
 _CORNERS: Final = 4  # of a ring, with the first one again
 # The blanks of a run are tried once, from the first one.
 _COMMA: Final = re.compile(r"(?<!\s)\s*,\s*|,\s*")
@@ -118,7 +121,7 @@ class KmlDocument:
     def remarks(self, source: str) -> Iterator[Remark]:
         """Yield remarks on what is not read, and on files to which it refers."""
         high = sum(
-            any(map(_ALTITUDE.search, (one.text for one in placemark.all("coordinates", "coord"))))
+            any(_ALTITUDE[one.name].search(one.text) for one in placemark.all(*_ALTITUDE))
             for placemark in self.root.all("Placemark")
         )
         yield from altitudes(source, high)

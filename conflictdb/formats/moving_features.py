@@ -6,7 +6,7 @@ scene's motion.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,16 @@ from conflictdb.formats import file_objects, reference
 from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import line
 from conflictdb.formats.names import misnamed
+from conflictdb.formats.standards import Standard
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Track
 
+STANDARD: Final = Standard(
+    "OGC Moving Features",
+    read={"datetimes": "times of a track", "properties": "members of a scene file"},
+    unread={"temporalProperties": "values that change with time", "time": "the lifespan of the feature"},
+    aside={"geometry": "a place of the feature", "bbox crs trs": "box and reference systems"},
+)
 _POINT = "MovingPoint"
 _MEMBERS = ("coordinates", "datetimes", "interpolation", "interpolations", "sequences", "crs", "trs")
 _MICROSECONDS_PER_MILLISECOND = 1000

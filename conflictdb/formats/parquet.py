@@ -309,7 +309,7 @@ def _add_rows(
     names, columns = _values(batch, {layout.geometry, *layout.aside})
     has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in names)
     measured = shapely.has_m(shapes)
-    found.high += int((shapely.has_z(shapes) & ~np.isin(shapely.get_type_id(shapes), POINTS)).sum())
+    found.high += int((shapely.has_z(shapes) & ~np.isin(shapely.get_type_id(shapes), list(POINTS))).sum())
     for i, shape in enumerate(shapes):
         where = f"row {row + i}"
         values = {name: column[i] for name, column in zip(names, columns, strict=True)}

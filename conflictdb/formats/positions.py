@@ -53,7 +53,7 @@ COLUMNS: Final = {
 STANDARD: Final = Standard(
     "CSV, as of AIS",
     read={
-        " ".join(COLUMNS["time"]).replace("# timestamp", "timestamp"): "times",
+        " ".join(name for name in COLUMNS["time"] if " " not in name): "times",
         "floor_m ceiling_m": "heights",
         " ".join(name for one in (*LENGTH_WIDTH, *SIDES) for name in COLUMNS[one]): "sizes",
     },

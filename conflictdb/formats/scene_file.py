@@ -5,6 +5,7 @@ OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometr
 
 import gc
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -155,10 +156,14 @@ def _read(
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
     derived: list[str] = []
-    high = 0
+    high, moving = 0, Counter[str]()
     for first in range(0, len(features), _AT_ONCE):
         some = features[first : first + _AT_ONCE]
         high += sum(map(_is_high, some))
+        for feature in some:
+            if isinstance(feature, dict) and "temporalGeometry" in feature:
+                others = {name: value for name, value in feature.items() if name not in ("properties", "foreign")}
+                moving.update(moving_features.STANDARD.of_json(others))
         features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
         for i, (feature, plain) in enumerate(zip(some, plain_features.objects(some, setting), strict=True), first):
             if plain is not None:
@@ -175,7 +180,7 @@ def _read(
     contents = Contents(scene, areas, tracks, left_out(source, of_objects))
     contents.derived = derived
     contents.remarks = [] if setting.long_sides is None else list(setting.long_sides.remarks(source))
-    contents.remarks = [*contents.remarks, *altitudes(source, high)]
+    contents.remarks = [*contents.remarks, *altitudes(source, high), *moving_features.STANDARD.remarks(source, moving)]
     return contents
 
 

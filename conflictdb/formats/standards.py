@@ -17,7 +17,7 @@ from conflictdb.formats.xml_text import Element
 
 _WORDS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 _LONGEST: Final = 200
-_MOST_NAMED: Final = 20
+_MOST_NAMED: Final = 40
 
 
 class Quantity(StrEnum):
@@ -97,8 +97,7 @@ class Standard:
     def of_xml(self, root: Element) -> Counter[str]:
         """Return how often names occur in XML that are not read."""
         found: Counter[str] = Counter()
-        waiting = list(root.all(*self.within)) if self.within else [root]
-        waiting = [(one, "") for one in waiting]
+        waiting = [(one, "") for one in (root.all(*self.within) if self.within else (root,))]
         while waiting:
             element, outer = waiting.pop()
             kind = self.kind(element.name, outer)
