@@ -808,7 +808,7 @@ COMMENT ON FUNCTION _longest_voyage_s(geometry, jsonb) IS
 'No voyage of a track takes longer, seconds, if only its speeds and turns limit it. An arc is no longer than either of '
 'its legs, and may be sailed as slowly as the slower one. At most a hundred years.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._may_meet(
+CREATE OR REPLACE FUNCTION conflictdb_internal._under_way(
     p_path geometry, p_departures timestamptz[], p_tolerances jsonb, p_within_s double precision
 ) RETURNS tstzrange
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -832,5 +832,5 @@ BEGIN
                      least(greatest(v_last, upper(v_sea)) + v_within, '9999-12-31 23:59:59.999998+00'), '[]');
 END
 $$;
-COMMENT ON FUNCTION _may_meet(geometry, timestamptz[], jsonb, double precision) IS
+COMMENT ON FUNCTION _under_way(geometry, timestamptz[], jsonb, double precision) IS
 'When a voyage within its tolerances may be under way, or within so many seconds of that; empty if there is none.';

@@ -128,7 +128,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._are_compared(
     p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint,
     p_rules jsonb
 ) RETURNS boolean
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- The most specific rule applies; of two that are as specific, one that does not allow (_rule_between).
     SELECT (p_a_owner <> p_b_owner OR p_a_owner = 0)

@@ -20,7 +20,7 @@ BEGIN
                 ELSE EXISTS (SELECT FROM change c WHERE c.scene_id = p_branch.scene_id)
                      AND EXISTS (SELECT FROM track t
                                  WHERE t.scene_id = p_branch.parent_scene_id AND t.schedule IS NULL
-                                   AND NOT _may_meet(t.path, t.departures, t.tolerances,
+                                   AND NOT _under_way(t.path, t.departures, t.tolerances,
                                                      _schedules_within_s(p_branch.scene_id)) <@ p_branch.expanded)
                 END;
 END
@@ -53,7 +53,7 @@ BEGIN
                            WHERE c.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
                              AND c.object_kind = 1 AND t.scene_id = c.scene_id
                              AND t.schedule IS NULL
-                             AND NOT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
+                             AND NOT _under_way(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
                                      <@ v_scene.expanded));
 END
 $$;

@@ -1,12 +1,52 @@
 -- Stage 1 (broad phase): candidate pairs whose bounding boxes overlap in space, time and height. No false negatives:
 -- hulls contain the swept piece, padded by tolerance and separation. Stage 2 removes false positives.
 --
--- One self-join on the GiST index piece_scene_id_hull_span_gist; its columns must stand alone on one side of &&. A row
--- may bundle several pieces; the client then compares the boxes of the pieces inside. The client also runs the later
--- stages (stage 2 of few pieces: 21_stage2_intersection.sql). If all boxes of a scene fit its memory, it reads them
--- (_row_boxes) and makes the same join in a tenth of the time.
+-- _pieces_may_meet is the rule of a pair. One self-join on the GiST index piece_scene_id_hull_span_gist; its columns
+-- must stand alone on one side of &&. A row may bundle several pieces; the client then compares the boxes of the pieces
+-- inside. The client also runs the later stages (stage 2 of few pieces: 21_stage2_intersection.sql). If all boxes of a
+-- scene fit its memory, it reads them (_row_boxes) and makes the same join in a tenth of the time.
 --
 -- An object number is the kind above the id, so that numbers sort like (object_kind, object_id).
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_may_meet(
+    p_a piece, p_b piece, p_within_s double precision, p_allowed jsonb
+) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT (p_b).hull && (p_a).hull AND (p_b).span && _widened((p_a).span, p_within_s)
+           AND (p_a).floor_m < (p_b).ceiling_m AND (p_b).floor_m < (p_a).ceiling_m
+           -- Of two seam copies the originals meet, too.
+           AND ((p_a).turn = 0 OR (p_b).turn = 0)
+           AND _are_compared((p_a).object_kind, (p_a).class_number, (p_a).owner_number, (p_b).object_kind,
+                             (p_b).class_number, (p_b).owner_number, p_allowed);
+END;
+COMMENT ON FUNCTION _pieces_may_meet(piece, piece, double precision, jsonb) IS
+'Stage 1: whether two rows of pieces, of different objects, may meet: boxes, times within p_within_s, and heights '
+'overlap, and the objects are compared (p_allowed: _allowed_types). Inlined into queries, where p_b is looked up in '
+'the index piece_scene_id_hull_span_gist. Cast the row of a subquery: (a.*)::piece. One column that carries a whole '
+'row costs more.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._given_piece(
+    p_number bigint, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision,
+    p_turn integer
+) RETURNS SETOF piece
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE ROWS 1
+BEGIN ATOMIC
+    -- All columns, in their order.
+    SELECT p_number AS piece_id, NULL::bigint AS scene_id, 0::smallint AS object_kind, 0::bigint AS object_id,
+           NULL::bigint AS version, NULL::integer AS part, p_turn::smallint AS turn, p_hull AS hull, p_span AS span,
+           p_floor_m AS floor_m, p_ceiling_m AS ceiling_m, NULL::geometry AS shape, NULL::timestamptz AS leg_start,
+           NULL::timestamptz AS leg_end, NULL::double precision AS start_lon_deg,
+           NULL::double precision AS start_lat_deg, NULL::double precision AS end_lon_deg,
+           NULL::double precision AS end_lat_deg, NULL::double precision AS bearing_deg, NULL::geometry AS shape_to,
+           1 AS pieces, NULL::integer[] AS parts, NULL::geometry AS hulls, NULL::geometry AS shapes,
+           NULL::timestamptz[] AS cuts, NULL::timestamptz[] AS leg_times, NULL::double precision[] AS legs,
+           NULL::double precision[] AS climb, 0::bigint AS class_number, 0::bigint AS owner_number;
+END;
+COMMENT ON FUNCTION _given_piece(
+    bigint, geometry, tstzrange, double precision, double precision, integer) IS
+'A piece that is not stored, as a row for _pieces_may_meet, without class and owner; piece_id: p_number. Inlined into '
+'queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._object_number(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
@@ -55,25 +95,17 @@ BEGIN
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
-            FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s)
+            FROM piece a JOIN piece b ON _pieces_may_meet(a, b, v_within_s, v_allowed)
             WHERE a.scene_id = p_scene_id AND b.scene_id + 0 = p_scene_id
-              AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-              AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-              AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                                b.owner_number, v_allowed)
-              AND (a.turn = 0 OR b.turn = 0);
+              AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id);
     ELSE
         -- OFFSET 0 hides that the scene is constant; otherwise it could become the only index condition.
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
             FROM (SELECT p.* FROM piece p WHERE p.scene_id = p_scene_id OFFSET 0) a
-            JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id
-            WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-              AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-              AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                                b.owner_number, v_allowed)
-              AND (a.turn = 0 OR b.turn = 0);
+            JOIN piece b ON _pieces_may_meet((a.*)::piece, b, v_within_s, v_allowed) AND b.scene_id = a.scene_id
+            WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id);
     END IF;
 END
 $$;
@@ -125,12 +157,8 @@ BEGIN
                             WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
                               AND p.scene_id + 0 = p_scene_id OFFSET 0) a
         CROSS JOIN unnest(v_layers) l (scene_id)
-        JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = l.scene_id
-        WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-          AND (a.turn = 0 OR b.turn = 0)
-          AND (b.scene_id = a.scene_id OR _object_number(b.object_kind, b.object_id) <> ALL (v_hidden))
-          AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                            b.owner_number, v_allowed)
+        JOIN piece b ON _pieces_may_meet((a.*)::piece, b, v_within_s, v_allowed) AND b.scene_id = l.scene_id
+        WHERE (b.scene_id = a.scene_id OR _object_number(b.object_kind, b.object_id) <> ALL (v_hidden))
           -- Marks of rules concern the pairs with some classes only.
           AND (d.with IS NULL OR _is_with(b.object_kind, b.class_number, d.with)
                OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered

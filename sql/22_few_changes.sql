@@ -191,21 +191,17 @@ BEGIN
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
         INTO v_made, v_numbers FROM made m;
-    -- The same condition as in _candidates. OFFSET 0 forces an index lookup per piece.
+    -- OFFSET 0 forces an index lookup per piece.
     SELECT array_agg(c.a), array_agg(c.b), coalesce(sum(c.pairs), 0) INTO v_a, v_b, v_compared
         FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.pieces::bigint * b.pieces AS pairs
               FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
               CROSS JOIN unnest(v_layers) l (scene_id)
               CROSS JOIN LATERAL (SELECT p.* FROM piece p
-                                  WHERE p.scene_id = l.scene_id AND p.hull && a.hull
-                                    AND p.span && _widened(a.span, v_within_s)
-                                    AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
-                                    AND (a.turn = 0 OR p.turn = 0)
+                                  WHERE p.scene_id = l.scene_id
+                                    AND _pieces_may_meet((a.*)::piece, p, v_within_s, v_allowed)
                                     AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id)
                                     AND (p.scene_id = a.scene_id
-                                         OR _object_number(p.object_kind, p.object_id) <> ALL (v_hidden))
-                                    AND _are_compared(a.object_kind, a.class_number, a.owner_number, p.object_kind,
-                                                      p.class_number, p.owner_number, v_allowed) OFFSET 0) b
+                                         OR _object_number(p.object_kind, p.object_id) <> ALL (v_hidden)) OFFSET 0) b
               -- A pair of two changed objects is found from both sides; keep it once.
               WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
                  OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)

@@ -31,7 +31,7 @@ BEGIN
     END IF;
     -- Once the window is known, only voyages that changed can leave it, and those of the parent of a branch.
     SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
-        FROM (SELECT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id)) AS span
+        FROM (SELECT _under_way(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id)) AS span
               FROM track t
               WHERE t.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
                 AND t.schedule IS NULL
@@ -39,7 +39,7 @@ BEGIN
                      OR t.track_id IN (SELECT c.object_id FROM change c
                                        WHERE c.scene_id = t.scene_id AND c.object_kind = 1))
               UNION ALL
-              SELECT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
+              SELECT _under_way(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
               FROM track t WHERE t.scene_id = v_parent.scene_id AND t.schedule IS NULL
               UNION ALL
               SELECT tstzrange(lower(v_parent.expanded), upper(v_parent.expanded) - interval '1 microsecond', '[]')

@@ -18,18 +18,15 @@ COMMENT ON FUNCTION _next_owner(smallint, bigint, bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_before(
     p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint
-)
-RETURNS TABLE (turn smallint, part integer, hull geometry, span tstzrange, shape geometry)
+) RETURNS SETOF piece
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT o.turn, p.part, p.hull, p.span, p.shape
-    FROM piece o
-    CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
+    SELECT o.* FROM piece o
     WHERE o.object_kind = p_kind AND o.object_id = p_id
       AND o.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[]) AND o.version < p_until;
 END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
-'Pieces of an object of a scene with versions below p_until. Inlined into queries.';
+'Rows of pieces of an object of a scene with versions below p_until. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_region(
     p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
@@ -52,12 +49,16 @@ BEGIN
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
             FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
-                  FROM (SELECT ST_Intersection(ST_Translate(a.shape, a.turn * v_turn_m, 0),
-                                               ST_Translate(b.shape, b.turn * v_turn_m, 0)) AS part,
-                               (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) a
-                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) b
-                            ON b.hull && a.hull AND (a.turn = 0 OR b.turn = 0)
+                  FROM (SELECT ST_Intersection(ST_Translate(a.shape, o.turn * v_turn_m, 0),
+                                               ST_Translate(b.shape, p.turn * v_turn_m, 0)) AS part,
+                               (a.part, o.turn, b.part, p.turn) AS nr
+                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) o
+                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
+                            ON _pieces_may_meet(o, p, v_within_s, NULL)
+                        CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                      o.cuts) a
+                        JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) b
+                            ON b.hull && a.hull
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
@@ -66,11 +67,14 @@ BEGIN
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
             FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
-                  FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, a.turn, b.part, b.turn) AS nr
-                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) a
-                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) b
+                  FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, o.turn, b.part, p.turn) AS nr
+                        FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) o
+                        JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
+                            ON _pieces_may_meet(o, p, v_within_s, NULL)
+                        CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
+                                                      o.cuts) a
+                        JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) b
                             ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s)
-                               AND (a.turn = 0 OR b.turn = 0)
                         WHERE p_periods && _shared_span(a.span, b.span, v_within_s)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
@@ -309,7 +313,7 @@ BEGIN
                  CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t
                  WHERE c.scene_id = p_scene_id AND c.is_covered AND c.object_kind = 1 AND t.scene_id = c.scene_id
                    AND t.schedule IS NULL
-                   AND NOT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
+                   AND NOT _under_way(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
                            <@ v_expanded);
 END
 $$;

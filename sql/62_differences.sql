@@ -48,25 +48,24 @@ LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
 SET enable_seqscan = off SET enable_material = off SET jit = off AS $$
 DECLARE
-    v_horizon interval := p_horizon_us * interval '1 microsecond';
+    -- A microsecond more: the client also compares pieces that touch.
+    v_within_s double precision := (p_horizon_us + 1) / 1e6;
+    v_allowed jsonb := _allowed_types(p_scene_id);
     v_near bigint[];
 BEGIN
     -- OFFSET 0 forces an index lookup per object, and per row of pieces.
     SELECT array_agg(DISTINCT f.number), coalesce(sum(f.pieces), 0) INTO v_near, compared
         FROM (SELECT _object_number(b.object_kind, b.object_id) AS number, a.pieces::bigint * b.pieces AS pieces
               FROM (SELECT p.* FROM unnest(p_numbers) n
-                    CROSS JOIN LATERAL (SELECT p.hull, p.floor_m, p.ceiling_m, p.turn, p.object_kind, p.object_id,
-                                               p.pieces, tstzrange(lower(p.span) - v_horizon,
-                                                                   upper(p.span) + v_horizon, '[]') AS span
-                                        FROM piece p
+                    CROSS JOIN LATERAL (SELECT p.* FROM piece p
                                         WHERE p.object_kind = (n >> 62)::smallint
                                           AND p.object_id = n & ((1::bigint << 62) - 1)
-                                          AND p.scene_id + 0 = p_scene_id AND NOT isempty(p.span) OFFSET 0) p
+                                          AND p.scene_id + 0 = p_scene_id OFFSET 0) p
                     OFFSET 0) a
               CROSS JOIN LATERAL (SELECT p.* FROM piece p
-                                  WHERE p.scene_id = p_scene_id AND p.hull && a.hull AND p.span && a.span
-                                    AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
-                                    AND (a.turn = 0 OR p.turn = 0) AND (a.object_kind = 1 OR p.object_kind = 1)
+                                  WHERE p.scene_id = p_scene_id
+                                    AND _pieces_may_meet((a.*)::piece, p, v_within_s, v_allowed)
+                                    AND (a.object_kind = 1 OR p.object_kind = 1)
                                     AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id) OFFSET 0) b
               OFFSET 0) f;
     SELECT array_send(coalesce(array_agg(o.piece_id), '{}')), coalesce(sum(o.pieces), 0) INTO piece_ids, pieces

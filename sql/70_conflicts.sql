@@ -328,17 +328,20 @@ BEGIN ATOMIC
         FROM wide p CROSS JOIN generate_series(-1, 1) turn
         WHERE turn = 0 OR p.motion = 'rhumb'
     ), boxed AS MATERIALIZED (
-        SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
+        SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box, _widened(g.span, g.within_s) AS wide_span,
+               coalesce(p_floor_m, '-infinity') - g.half_m AS floor_m,
+               -- The ceiling of closed intervals belongs to them: the next number.
+               CASE WHEN g.is_closed THEN h.ceiling_m + 1.2e-16 * greatest(abs(h.ceiling_m), 1e-100)
+                    ELSE h.ceiling_m END AS ceiling_m
+        FROM probed g CROSS JOIN LATERAL (SELECT coalesce(p_ceiling_m, 'infinity') + g.half_m AS ceiling_m) h
     )
     SELECT o.object_kind, o.object_id, o.version, _shared_span(p.span, g.span, g.within_s),
            ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
-    FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box
-                                 AND o.span && _widened(g.span, g.within_s)
+    FROM boxed g
+    CROSS JOIN LATERAL _given_piece(0, g.box, g.wide_span, g.floor_m, g.ceiling_m, 0) q
+    JOIN piece o ON o.scene_id = p_scene_id AND _pieces_may_meet(q, o, 0, NULL)
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE (o.floor_m < coalesce(p_ceiling_m, 'infinity') + g.half_m
-           OR g.is_closed AND o.floor_m = p_ceiling_m + g.half_m)
-      AND coalesce(p_floor_m, '-infinity') - g.half_m < o.ceiling_m
-      AND p.hull && g.box AND p.span && _widened(g.span, g.within_s) AND ST_Distance(p.hull, g.shape) <= g.pad_m;
+    WHERE p.hull && g.box AND p.span && g.wide_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision, geometry) IS
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
@@ -583,10 +586,11 @@ BEGIN ATOMIC
                        _longest_time_s(o.scene_id) AS within_s, _allowed_types(o.scene_id) AS rules
                 FROM scene o
                 WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
+          CROSS JOIN LATERAL (SELECT o.* FROM piece o WHERE o.scene_id = s.scene_id OFFSET 0) a
           -- OFFSET 0: the index looks up the wide span, too.
-          CROSS JOIN LATERAL (SELECT o.*, _widened(o.span, s.within_s) AS wide FROM piece o
-                              WHERE o.scene_id = s.scene_id OFFSET 0) a
-          JOIN piece b ON b.scene_id = a.scene_id AND b.hull && a.hull AND b.span && a.wide
+          CROSS JOIN LATERAL (SELECT o.* FROM piece o
+                              WHERE o.scene_id = a.scene_id
+                                AND _pieces_may_meet((a.*)::piece, o, s.within_s, s.rules) OFFSET 0) b
           -- MATERIALIZED: unpack each row once per pair of rows, not once per piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
@@ -595,17 +599,13 @@ BEGIN ATOMIC
                               ), n AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(b.part, b.hull, b.span, b.shape, b.parts,
                                                                         b.hulls, b.shapes, b.cuts) o
-                                  WHERE o.hull && a.hull AND o.span && a.wide
+                                  WHERE o.hull && a.hull AND o.span && _widened(a.span, s.within_s)
                               )
                               SELECT _shared_span(m.span, n.span, s.within_s) AS span,
                                      ST_Intersection(m.hull, n.hull) AS part
                               FROM m JOIN n ON n.span && _widened(m.span, s.within_s) AND _hulls_meet(m.hull, n.hull)
                               OFFSET 0) m
-          WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
-            AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
-            AND (a.turn = 0 OR b.turn = 0)
-            AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
-                              b.owner_number, s.rules)
+          WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
     LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version

@@ -202,13 +202,12 @@ BEGIN
         FROM (SELECT m.part % (1 << 30) AS a_part, n.part % (1 << 30) AS b_part,
                      _shared_span(m.span, n.span, v_within_s) AS span,
                      _hulls_meet(m.hull, n.hull) AS meets, num_nonnulls(o.climb, p.climb) > 0 AS climbs
-              FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && _widened(o.span, v_within_s)
+              FROM piece o JOIN piece p ON _pieces_may_meet(o, p, v_within_s, NULL)
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
               JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
                   ON n.hull && m.hull AND n.span && _widened(m.span, v_within_s) AND _boxes_meet(n.hull, m.hull)
               WHERE o.scene_id + 0 = ANY (v_layers) AND o.object_kind = a.kind AND o.object_id = a.id
-                AND p.scene_id + 0 = ANY (v_layers) AND p.object_kind = b.kind AND p.object_id = b.id
-                AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;
+                AND p.scene_id + 0 = ANY (v_layers) AND p.object_kind = b.kind AND p.object_id = b.id) m;
 
     IF v_is_found THEN
         v_verdict := v_conflict.verdict;

@@ -19,22 +19,23 @@ LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces the index join, as in _candidates.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 SET jit = off AS $$
+DECLARE
+    v_srid integer := (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+                       FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
     RETURN QUERY
         WITH near AS MATERIALIZED (
-            SELECT q.n, q.hull, q.span, p.piece_id, p.pieces, p.object_kind, p.object_id
-            FROM (SELECT u.n, u.floor_m, u.ceiling_m, u.turn,
-                         ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon,
-                                                                          s.centre_lat))
-                                                FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
-                         tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
-                                   CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
+            SELECT q.piece_id AS n, q.hull, q.span, p.piece_id, p.pieces, p.object_kind, p.object_id
+            FROM (SELECT f.*
                   FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
                        WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n)
+                  CROSS JOIN LATERAL _given_piece(
+                      u.n, ST_GeomFromWKB(u.wkb, v_srid),
+                      tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
+                                CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END), u.floor_m, u.ceiling_m, u.turn) f
                   OFFSET 0) q
-            JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
-            WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
-              AND NOT EXISTS (SELECT FROM area a
+            JOIN piece p ON _pieces_may_meet((q.*)::piece, p, 0, NULL) AND p.scene_id = p_scene_id
+            WHERE NOT EXISTS (SELECT FROM area a
                               WHERE p.object_kind = 0 AND a.area_id = p.object_id AND a.key = p_key)
               AND NOT EXISTS (SELECT FROM track t
                               WHERE p.object_kind = 1 AND t.track_id = p.object_id AND t.key = p_key)

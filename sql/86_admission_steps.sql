@@ -130,6 +130,8 @@ SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off S
 SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
 SET jit = off AS $$
 DECLARE
+    v_srid integer := (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+                       FROM scene s WHERE s.scene_id = p_scene_id);
     v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
                          FROM unnest(p_starts_us, p_ends_us) u (s, e));
     v_is_beyond boolean := coalesce((
@@ -137,18 +139,17 @@ DECLARE
         FROM scene s WHERE s.scene_id = p_scene_id), false);
 BEGIN
     RETURN QUERY
-        WITH given AS MATERIALIZED (
-            SELECT u.floor_m, u.ceiling_m, u.turn,
-                   ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
-                                          FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
-                   tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
-                             CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
-            FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
-                 u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn)
-        ), near AS (
+        WITH near AS (
             SELECT DISTINCT p.object_kind, p.object_id
-            FROM given q JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
-            WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
+            FROM (SELECT f.*
+                  FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
+                       WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n)
+                  CROSS JOIN LATERAL _given_piece(
+                      u.n, ST_GeomFromWKB(u.wkb, v_srid),
+                      tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
+                                CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END), u.floor_m, u.ceiling_m, u.turn) f
+                  OFFSET 0) q
+            JOIN piece p ON _pieces_may_meet((q.*)::piece, p, 0, NULL) AND p.scene_id = p_scene_id
         ), others AS MATERIALIZED (
             SELECT n.object_kind, n.object_id
             FROM _pending_near(p_scene_id, v_span, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n
@@ -363,7 +364,7 @@ BEGIN
         SELECT FROM (SELECT a.schedule, _widened(a.active_span, v_within_s) AS span FROM area a
                      WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
                      UNION ALL
-                     SELECT t.schedule, _may_meet(t.path, t.departures, t.tolerances, v_within_s) FROM track t
+                     SELECT t.schedule, _under_way(t.path, t.departures, t.tolerances, v_within_s) FROM track t
                      WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)) p
         -- Expanded until an instant: without it.
         WHERE p.schedule IS NOT NULL OR lower(p.span) < lower(v_expanded) OR upper(p.span) >= upper(v_expanded)

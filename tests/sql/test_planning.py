@@ -4,7 +4,9 @@ The measure is the number of rows that plans threw away, not time: a nested loop
 """
 
 import json
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,9 +19,12 @@ from piecework import load, mark_all, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
+from conflictdb.db.admission import admit
 from conflictdb.db.detect import detect
+from conflictdb.db.probes import probe
 from conflictdb.db.sources import SceneSource
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.rules import Rule
 
 Conn = psycopg.Connection[Any]
 
@@ -95,6 +100,7 @@ def plans(conn: Conn) -> list[dict[str, Any]]:
                     "waste": worst_waste(plan["Plan"]),
                     "read": most_read(plan["Plan"]),
                     "parallel": starts_workers(plan["Plan"]),
+                    "plan": json.dumps(plan["Plan"]),
                 }
             )
 
@@ -161,6 +167,42 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
     # 320 objects against each other are 102,400 pairs; boxes leave about a dozen pairs an object.
     wasteful = [plan for plan in plans if plan["waste"] > 40 * COUNT]
     assert wasteful == []
+
+
+def test_rule_of_a_pair_of_pieces_is_inlined_and_looked_up_by_all_columns_of_the_index(
+    conn: Conn, plans: list[dict[str, Any]]
+) -> None:
+    """Wherever it is used: detections of a whole scene and of few changes, differences, probes, admissions, explain."""
+    scene = Scene("s", delays_within_s=3600.0, rules=(Rule("ferry", None, time_s=60.0),))
+    hull_m = rectangle_outline_m(50.0, 50.0, 10.0, 10.0)
+    ship = Track("T", np.array([[0.0, 0.0], [0.1, 0.1]]), np.array([T0_US, T0_US + 3_600_000_000]), hull_m)
+    scene_id = load(conn, scene, grid(), [ship])
+    refresh(conn, scene_id)
+    store.begin_snapshot(conn)
+    for _ in store.candidates(conn, scene_id, 1_000_000):
+        pass
+    conn.execute("DELETE FROM conflictdb.change WHERE object_id <> (SELECT min(area_id) FROM conflictdb.area)")
+    for _ in store.candidates(conn, scene_id, 1_000_000):
+        pass
+    conn.rollback()
+    detect(conn, "s", jobs=1)
+    conn.execute("UPDATE conflictdb.track SET ceiling_m = 10")
+    conn.commit()
+    detect(conn, "s", jobs=1)
+    conn.commit()
+    probe(conn, "s", [replace(ship, key="P")])
+    admit(conn, "s", [replace(grid()[7], key="Q")], None, allow_known=False, replace=(), lock_timeout_s=1.0)
+    conn.rollback()
+    place = "ST_SetSRID(ST_MakeEnvelope(0, 0, 0.1, 0.1), 4326)"
+    conn.execute(f"SELECT count(*) FROM conflictdb.probe('s', {place})".encode())
+    conn.execute("SELECT count(*) FROM conflictdb.candidates('s')")
+    conn.execute("SELECT conflictdb.explain_conflict('s', 'A1', 'A2')")
+    conn.rollback()
+    assert not [plan for plan in plans if "_pieces_may_meet" in plan["plan"]]
+    looked_up = [plan for plan in plans if "(hull &&" in plan["plan"]]
+    assert len({plan["query"] for plan in looked_up}) >= 8
+    conditions = [one for plan in looked_up for one in re.findall(r'"Index Cond": "([^"]*)"', plan["plan"])]
+    assert [one for one in conditions if "hull &&" in one and "span && " not in one] == []
 
 
 def test_objects_that_all_meet_are_detected_again_without_comparing_all_conflicts(
