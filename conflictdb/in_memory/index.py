@@ -77,6 +77,8 @@ class Index:
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
+        # What the last probe of plans beyond that time was compared with.
+        self._extra: _Extra | None = None
         self._cut = _LastCut()
 
     @property
@@ -107,7 +109,7 @@ class Index:
         replaceable = inputs.keys("put", "replace", replace)
         self._limits.check(given)
         with self._lock:
-            world = self._world(given, is_put=True)
+            world = self._put_world(given)
             self._scene = world.setup.scene
         mine = self._cut.members(world, given)
         names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
@@ -164,7 +166,8 @@ class Index:
         check_word("probe", "owner", owner)
         self._limits.check(given)
         with self._lock:
-            world, state = self._world(given, is_put=False), self._state
+            world, state, is_within = self._probe_world(given)
+        extra = _Extra() if is_within else self._reaching(state, world.window)
         scene = world.setup.scene
         mine = self._cut.members(world, given)
         keys = {one.key for one in given}
@@ -172,7 +175,7 @@ class Index:
         if owner is None:
             met.add_among(boxes)
         plans_of, held = {one.key: one for one in given}, HeldBoxes.of(boxes)
-        for tree, put in state.levels:
+        for tree, put in (*state.levels, *extra.levels):
             first, second = tree.pairs_of(held)
             if not len(second):
                 continue
@@ -180,7 +183,10 @@ class Index:
             seen = {
                 k: one
                 for k, one in ((k, put.objects[k]) for k in set(of))
-                if state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != _Name(owner))
+                if state.shows(one)
+                and one.owner not in extra.instead
+                and one.plan.key not in keys
+                and (owner is None or one.owner.name != _Name(owner))
             }
             plans_of |= {one.plan.key: one.plan for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
@@ -192,39 +198,58 @@ class Index:
             conflicts = [conflict.found_by(origin) for conflict in conflicts]
         return Results(conflicts, Conflict)
 
-    def _world(self, plans: Sequence[Plan], *, is_put: bool) -> World:
-        """Return the world of plans that are put or compared; needs the lock.
+    def _put_world(self, plans: Sequence[Plan]) -> World:
+        """Return the world of plans that are put; needs the lock.
 
         Schedules are expanded as far as the horizon, over all voyages of the index, and over what the plans touch. If
         that is more than before, those of the index are expanded again. Raises InvalidInput, and changes nothing.
         """
         areas, tracks = by_kind(plans)
-        span = touched(tracks if is_put else plans, self._scene)
+        span = touched(tracks, self._scene)
         window = self._window
         if window is not None or has_schedules(plans):
             window = horizon(self._scene, self._touched, span, known=window)
         world = World.of(self._scene, areas, tracks, known=window)
-        if window != self._window and (is_put or self._window is not None):
-            self._expand_again(window)
-        if is_put:
-            self._touched = hull(self._touched, span)
+        self._expand_again(window)
+        self._touched = hull(self._touched, span)
         return world
+
+    def _probe_world(self, plans: Sequence[Plan]) -> tuple[World, "_State", bool]:
+        """Return the world of plans that are compared, the state, and whether its schedules reach as far.
+
+        Needs the lock. The index changes as the clock demands, never as the plans do.
+        """
+        window = self._window
+        if window is not None:
+            self._expand_again(horizon(self._scene, self._touched, known=window))
+            window = self._window
+        areas, tracks = by_kind(plans)
+        if window is not None or has_schedules(plans):
+            window = horizon(self._scene, self._touched, touched(plans, self._scene), known=window)
+        world = World.of(self._scene, areas, tracks, known=window)
+        return world, self._state, self._window in (None, window)
+
+    def _reaching(self, state: "_State", window: Window | None) -> "_Extra":
+        """Return the plans with schedules of a state, expanded over a window; raises InvalidInput."""
+        known = self._extra
+        if known is None or known.number != state.number or hull(known.window, window) != known.window:
+            known = _Extra.of(self._scene, state, window)
+            self._extra = known
+        return known
 
     def _expand_again(self, window: Window | None) -> None:
         """Expand the schedules of all plans over a window, and cut these anew; needs the lock."""
-        shown = [item for level in self._state.levels for item in level.put.objects if item.owner.ended is None]
-        former = {id(item.owner): item.owner for item in shown if item.plan.schedule is not None}
-        if former:
-            again = {of: replace(owner, keys=[*owner.keys]) for of, owner in former.items()}
-            objects = [_Object(item.plan, again[id(item.owner)]) for item in shown if id(item.owner) in again]
-            cut = Members.of_plans(World(Setup.of(self._scene), window), [item.plan for item in objects])
+        if window == self._window:
+            return
+        extra = _Extra.of(self._scene, self._state, window)
+        if extra.instead:
             number = self._state.number + 1
-            self._forget([*former.values()], number)
-            for owner in again.values():
+            self._forget([*extra.instead], number)
+            for owner in extra.instead.values():
                 self._owners[owner.name] = owner
                 self._owner_of |= dict.fromkeys(owner.keys, owner)
-            added = _Put(cut.pieces, cut.of.astype(np.int32), objects)
-            self._state = self._state.with_plans(self._scene, added, number, len(self))
+            for _, added in extra.levels:
+                self._state = self._state.with_plans(self._scene, added, number, len(self))
         self._window = window
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
@@ -332,6 +357,34 @@ class _State:
         if 2 * live >= sum(len(put.objects) for put in puts):
             return _State(number, self.levels)
         return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
+
+
+@dataclass(frozen=True, slots=True)
+class _Extra:
+    """Plans with schedules of a state, expanded over another window.
+
+    number : of the state
+    levels : their boxes
+    instead : by the owner in the state, the one of these plans
+    """
+
+    number: int = 0
+    window: Window | None = None
+    levels: tuple[_Level, ...] = ()
+    instead: Mapping[_Owner, _Owner] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene, state: _State, window: Window | None) -> Self:
+        """Return the plans of all owners in a state that have a schedule; raises InvalidInput."""
+        shown = [item for level in state.levels for item in level.put.objects if state.shows(item)]
+        former = {item.owner for item in shown if item.plan.schedule is not None}
+        if not former:
+            return cls(state.number, window)
+        instead = {owner: replace(owner, keys=[*owner.keys], ended=None) for owner in former}
+        objects = [_Object(item.plan, instead[item.owner]) for item in shown if item.owner in former]
+        cut = Members.of_plans(World(Setup.of(scene), window), [item.plan for item in objects])
+        added = _Put(cut.pieces, cut.of.astype(np.int32), objects)
+        return cls(state.number, window, (_Level.of(scene, added),), instead)
 
 
 class _Given:

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 import conflictdb
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.in_memory.index import Index
 from conflictdb.model.plans import Area, Scene, Track
 
@@ -60,6 +60,30 @@ def test_a_schedule_that_cannot_be_expanded_changes_nothing() -> None:
         index.probe(voyage(after_us=5000 * DAY_US))
     assert len(index) == 1
     assert [one[0] for one in said(index.probe(voyage(after_us=-1600 * DAY_US)))] == ["S"]
+
+
+def test_a_probe_far_away_leaves_no_trace() -> None:
+    """It is answered as by `solve`, whatever was asked before, and a plan is put as if nothing had been asked."""
+    yearly = Area("Y", BOX, schedule={"rrule": "DTSTART:20260501T191000Z\nRRULE:FREQ=YEARLY", "duration": "PT9H"})
+    often = {"rrule": "DTSTART:20260101T000000Z\nRRULE:FREQ=HOURLY", "duration": "PT50M"}
+    far = [voyage(after_us=days * DAY_US + HOUR_US) for days in (365 * 40 + 10, 365 * 4 + 1)]
+    index = Index(SCENE)
+    with pytest.warns(IncompleteWarning, match="'Y': no activation"):
+        index.put(yearly)
+    for plan in [*far, *reversed(far)]:
+        assert said(index.probe(plan)) == said(conflictdb.solve([plan], [yearly], SCENE))
+    assert said(index.probe(far[0])) != []
+    index.put(Area("S", BOX, schedule=often))
+    with pytest.raises(InvalidInput, match="area 'S': schedule: has more than"):
+        index.probe(far[0])
+    expected = said(conflictdb.solve([voyage()], [yearly, Area("S", BOX, schedule=often)], SCENE))
+    assert said(index.probe(voyage())) == [one for one in expected if one[1] == "T"]
+    # Replaced and removed plans are not seen by a far probe either.
+    assert index.remove("S")
+    assert said(index.probe(far[0])) == said(conflictdb.solve([far[0]], [yearly], SCENE))
+    with pytest.warns(IncompleteWarning, match="'Y': no activation"):
+        index.put(replace(yearly, footprint=shapely.box(80, 0, 81, 1)), replace=["Y"])
+    assert said(index.probe(far[0])) == []
 
 
 def test_a_conflict_with_a_schedule_can_be_drawn() -> None:
