@@ -18,7 +18,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
 from conflictdb.session import loading
-from conflictdb.stages.world import World
+from conflictdb.stages.world import Reach, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +46,12 @@ def digest(track: Track) -> str:
 
 def moved(track: Track, move: PlanMove) -> Track:
     """Return the track as a page moved it; raises InvalidInput if that is no track."""
-    if track.departures_us or track.schedule:
-        raise InvalidInput(f"track {track.key!r}", "schedule", "its voyages repeat")
     if move.later_us:
+        if track.schedule is not None:
+            raise InvalidInput(f"track {track.key!r}", "schedule", "says when it departs: change it instead")
         track = later(track, move.later_us)
     if move.up_m:
-        if track.floors_m is not None or track.ceilings_m is not None:
-            raise InvalidInput(f"track {track.key!r}", "floors_m", "its heights change along the way")
-        floor_m, ceiling_m = (None if end is None else end + move.up_m for end in (track.floor_m, track.ceiling_m))
-        track = replace(track, floor_m=floor_m, ceiling_m=ceiling_m)
+        track = replace(track, **_higher(track, move.up_m), max_speed_kn=np.inf)
     if move.waypoint is not None:
         number, *place = move.waypoint
         if number >= len(track.positions_deg):
@@ -65,12 +62,26 @@ def moved(track: Track, move: PlanMove) -> Track:
     return track
 
 
+def _higher(track: Track, up_m: float) -> dict[str, Any]:
+    """Return the heights of a track that is so much higher."""
+    heights: dict[str, Any] = {
+        name: None if end is None else end + up_m for name in ("floor_m", "ceiling_m") for end in [getattr(track, name)]
+    }
+    for name in ("floors_m", "ceilings_m"):
+        if (each := getattr(track, name)) is not None:
+            heights[name] = each + up_m
+    return heights
+
+
 def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tuple[Any, ...]]:
     """Return the conflicts that a moved track would have: other key, verdict, error, and periods (Unix seconds).
 
     By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
     """
-    track = moved(_seen(conn, scene, move), move)
+    track = _seen(conn, scene, move)
+    if track.schedule is not None and move.later_us:
+        track = _expanded(conn, scene, track, move.later_us)
+    track = moved(track, move)
     is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
     found = _met(*read_around(conn, scene, track), track) if is_branch else probes.probe(conn, scene, [track])
     return [
@@ -83,6 +94,14 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
         for one in found
         if one.periods
     ]
+
+
+def _expanded(conn: psycopg.Connection[Any], scene: str, track: Track, later_us: int) -> Track:
+    """Return a track with the departures of its schedule instead of it, as far as the page expands it."""
+    number = store.scene_or_branch_id(conn, scene)
+    settings, known = store.read_settings(conn, number), store.stored_window(conn, number)
+    world = World.of(settings, [], [track], reach=Reach.either(abs(later_us)), known=known)
+    return later(world.expanded([], [track])[1][0], 0)
 
 
 def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:

@@ -54,9 +54,9 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     The head has what the kernel takes, `settings` (required separations), `of_types` (the number of the settings of two
     types of objects; -1: not compared), `turn_m` (around the earth in the plane; 0: no seam), `objects` (keys, in the
     order of a detection), `base_us` (the instant that others count from, as text), `refusal` (why moved plans are not
-    shown, or null), `plans` (features of the tracks that may be moved, by key; null: its voyages repeat), `digests` of
-    those (for `editing.PlanMove`), and `arrays`: name, type of typed arrays, place in the packed bytes, and number of
-    elements of each array. Heights are given for all pieces under the first settings, then under the next.
+    shown, or null), `plans` (features of the tracks that may be moved, by key), `digests` of those (for
+    `editing.PlanMove`), and `arrays`: name, type of typed arrays, place in the packed bytes, and number of elements of
+    each array. Heights are given for all pieces under the first settings, then under the next.
 
     moved : keys of the tracks that may be moved; None: all
     """
@@ -92,12 +92,17 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     if pieces.changes:
         arrays["shape_to"] = pieces.shape_to_xy.astype("<f8").ravel()
     if pieces.climbs().any():
-        arrays["climb_m"] = pieces.climb_m.astype("<f8").ravel()
+        arrays["climb_m"] = np.concatenate([one.climb_m for one in by_settings]).astype("<f8").ravel()
     head = {
         "refusal": None,
         "base_us": str(base_us),
         "settings": [
-            {"separation_m": one.separation_m, "tolerance_m": one.tolerance_m} for one in separations.settings
+            {
+                "separation_m": one.separation_m,
+                "tolerance_m": one.tolerance_m,
+                "within_us": one.time_separation_us,
+            }
+            for one in separations.settings
         ],
         "of_types": separations.of_types.tolist(),
         "has_margins": bool(separations.vertical_m.any()),
@@ -105,11 +110,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "reach_m": max(one.reach_m for one in separations.settings),
         "turn_m": setup.plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],
-        "plans": {
-            track.key: None if track.departures_us or track.schedule else feature_of(_in_utc(track))
-            for track in tracks
-            if moved is None or track.key in moved
-        },
+        "plans": {track.key: feature_of(_in_utc(track)) for track in tracks if moved is None or track.key in moved},
         "digests": {track.key: digest(track) for track in tracks if moved is not None and track.key in moved},
     }
     return _with_head(head, arrays)
@@ -126,8 +127,6 @@ def _refusal(scene: Scene) -> str | None:
     """Return what the page does not compute in a scene; None if it computes all."""
     if METHODS[scene.method].solver is not Solver.CERTIFIED:
         return f"the method of the scene is {scene.method}"
-    if scene.longest_time_us:
-        return "the scene has a separation in time"
     return None
 
 

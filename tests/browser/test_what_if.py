@@ -290,17 +290,34 @@ def test_a_file_computes_it_without_a_server(strait: str, dsn: str, open_strait:
     assert page.locator("#list").text_content() == before
 
 
-def test_what_the_page_does_not_compute_is_not_shown(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+def test_a_track_that_follows_within_the_separation_in_time_is_shown(
+    conn: Conn, dsn: str, serve: Serve, open_page: Open
+) -> None:
+    """B crosses the way of A twenty minutes after it, C two hours after it."""
     times = np.array([T0_US, T0_US + 10 * HOUR_US])
     outline = rectangle_outline_m(500, 500, 500, 500)
-    ways = {"A": [(9.0, 57.0), (10.0, 58.0)], "B": [(9.0, 58.0), (10.0, 57.0)]}
-    tracks = [Track(key, way, times, outline) for key, way in ways.items()]
-    load(conn, Scene("s", time_separation_s=60.0), [], tracks)
+    ways = {"A": [(9.0, 57.0), (10.0, 58.0)], "B": [(9.0, 58.0), (10.0, 57.0)], "C": [(9.0, 58.0), (10.0, 57.0)]}
+    after_us = {"A": 0, "B": HOUR_US // 3, "C": 2 * HOUR_US}
+    tracks = [Track(key, way, times + after_us[key], outline) for key, way in ways.items()]
+    settings = Scene("s", time_separation_s=1800.0)
+    load(conn, settings, [], tracks)
     detect(conn, "s", jobs=1)
     page = open_page(serve(dsn, "s"))
     ask(page, "A and B", "A")
-    said(page, "Not shown: the scene has a separation in time.")
-    expect(page.get_by_role("slider", name="Departure")).to_have_count(0)
+    said(page, "As planned: 1 conflict.")
+    page.get_by_role("slider", name="Departure").press("End")
+    said(page, "1 h later: 1 fewer, none new; clear.")
+    page.get_by_role("combobox", name="Range").select_option("10800")
+    page.get_by_role("slider", name="Departure").press("End")
+    said(page, "3 h later: 1 fewer, none new; clear.")
+    page.get_by_role("slider", name="Departure").press("PageDown")
+    page.get_by_role("slider", name="Departure").press("PageDown")
+    page.get_by_role("slider", name="Departure").press("PageDown")
+    page.get_by_role("slider", name="Departure").press("PageDown")
+    said(page, "2 h 30 min later: 1 fewer, 1 new; 1 in all.")
+    shown = page.evaluate("conflictdbPage.havens.plan.conflicts.map(({other, periods}) => [other, ...periods.flat()])")
+    copies = [replace(one, times_us=one.times_us + (9 * HOUR_US // 4 if one.key == "A" else 0)) for one in tracks]
+    assert len(shown) == len([one for one in conflictdb.solve(copies, [], settings) if one.a_key == "A"]) == 1
 
 
 @pytest.mark.slow

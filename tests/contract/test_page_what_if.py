@@ -1,11 +1,6 @@
 """The page computes what a track would meet that departs at another time: as a detection of a copy does."""
 
-import base64
-import json
-import re
 import shutil
-import subprocess
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
+from page_in_node import HORIZON_US, answers_of_page
 from ruled import CLASSES, random_rules
 from workloads import (
     EQUATOR,
@@ -31,74 +27,16 @@ import conflictdb
 from conflictdb.map import what_if
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Conflict
-from conflictdb.model.rules import Rule
 
 # More than objects move in the quarter of a microsecond that instants of the page are rounded to, metres.
 AN_INSTANT_M: Final = 1e-3
-PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-HORIZON_US: Final = 3_600_000_000
-# Reads scenes: [pack, [[key, moves], …]] each; prints the conflicts of each move, and what is forbidden to each key.
-DRIVER: Final = """
-import { readFileSync } from "node:fs";
-import { Kernel } from "./kernel.mjs";
-import { PairDistance } from "./pair_distance.mjs";
-import { withWaypoint } from "./moved_waypoint.mjs";
-import { unpackPieces, WhatIf } from "./what_if.mjs";
-const kernel = await Kernel.of(readFileSync("kernel.wasm"));
-const { horizon, scenes } = JSON.parse(readFileSync(0));
-const answers = scenes.map(([text, asked, lines]) => {
-  const pack = unpackPieces(new Uint8Array(Buffer.from(text, "base64")).buffer);
-  const elsewhere = (key, place) => {
-    try {
-      return new WhatIf(kernel, withWaypoint(kernel, pack, key, place, lines), key);
-    } catch (error) {
-      return { refusal: error.message };
-    }
-  };
-  if (asked[0].length === 3) {
-    return asked.map(([key, place, us]) => {
-      const one = elsewhere(key, place);
-      return one.refusal !== null ? { refusal: one.refusal } : { conflicts: [one.conflicts(us)], base: pack.base_us };
-    });
-  }
-  return asked.map(([key, delays]) => {
-    const one = new WhatIf(kernel, pack, key);
-    if (one.refusal !== null) return { refusal: one.refusal };
-    const conflicts = delays.map(([us, up]) => one.conflicts(us, up));
-    for (const conflict of conflicts[0]) {
-      const pair = new PairDistance(kernel, pack, [key, conflict.other]);
-      const [start, end] = [conflict.periods[0][0], conflict.periods.at(-1)[1]];
-      conflict.inside_m = pair.at(conflict.periods.map(([from, to]) => (from + to) / 2));
-      conflict.least_m = pair.around({ start, end, periods: conflict.periods })?.least[1] ?? null;
-    }
-    const ups = [...new Set(delays.map(([, up]) => up))];
-    const forbidden = ups.map((up) => [up, [...one.forbidden(horizon, up)]]);
-    return { conflicts, forbidden, mayRise: one.mayRise, base: pack.base_us };
-  });
-});
-console.log(JSON.stringify(answers));
-"""
 # Of each track how much later, microseconds, and how much higher, metres.
 Asked = list[tuple[str, list[tuple[int, float]]]]
 Plans = tuple[Scene, list[Area], list[Track]]
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, SEAM, EQUATOR, HARBOUR, OCEAN, GROWING, GROWING_CIRCLES)
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")
-
-
-def on_page(tmp_path: Path, scenes: Sequence[tuple[Any, ...]]) -> Any:
-    """The answers of the page on packs, with what is asked of each, and the lines that the scene follows if need be."""
-    for name in ("kernel", "pair_distance", "what_if", "moved_waypoint", "motion", "world"):
-        text = re.sub(r'"\./(\w+)\.js"', r'"./\1.mjs"', (PAGE / f"{name}.js").read_text())
-        (tmp_path / f"{name}.mjs").write_text(text)
-    shutil.copy(PAGE / "kernel.wasm", tmp_path)
-    (tmp_path / "driver.mjs").write_text(DRIVER)
-    given = {"horizon": HORIZON_US, "scenes": [[base64.b64encode(pack).decode(), *asked] for pack, *asked in scenes]}
-    command = [str(shutil.which("node")), "driver.mjs"]
-    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 def later(track: Track, by_us: int) -> Track:
@@ -180,7 +118,7 @@ def check(tmp_path: Path, count: int, scenes: list[Plans], each: int, ups_m: tup
             )
         )
     found, met = [], 0
-    for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
+    for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, answers_of_page(tmp_path, asked), strict=True):
         for (key, delays), answer in zip(own, answers, strict=True):
             assert "refusal" not in answer, (scene.name, key, answer)
             assert answer["mayRise"] or ups_m == (0.0,), (scene.name, key)
@@ -259,13 +197,6 @@ def test_many_moved_tracks_of_classes_meet_what_detections_find(tmp_path: Path) 
     check(tmp_path, 12, some, 4, (-40.0, -10.1, 0.0, 7.0, 25.3))
 
 
-def test_a_separation_in_time_is_refused_in_words(tmp_path: Path) -> None:
-    scene, areas, tracks = scenes_of(LOW_LATITUDE, 1)
-    for own in (replace(scene, time_separation_s=60.0), replace(scene, rules=(Rule("ferry", None, time_s=60.0),))):
-        [[answer]] = on_page(tmp_path, [(what_if.packed(own, areas, tracks), [(tracks[0].key, [(0, 0.0)])])])
-        assert answer == {"refusal": "the scene has a separation in time"}
-
-
 def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:
     """A number of random (track, waypoint, place, delay) over scenes."""
     rng = np.random.default_rng(11)
@@ -281,7 +212,9 @@ def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:
         lines = {"motion": str(scene.motion), "earth": str(scene.earth)}
         asked.append((what_if.packed(scene, areas, tracks), own, lines))
     found, met = [], 0
-    for (scene, areas, tracks), (_, own, _), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
+    for (scene, areas, tracks), (_, own, _), answers in zip(
+        scenes, asked, answers_of_page(tmp_path, asked), strict=True
+    ):
         for (key, place, by_us), answer in zip(own, answers, strict=True):
             assert "refusal" not in answer, (scene.name, key, place, answer)
             moved = [with_waypoint(one, *place) if one.key == key else one for one in tracks]

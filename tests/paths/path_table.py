@@ -17,6 +17,7 @@ from database_paths import DATABASE_PATHS
 from file_paths import FILE_PATHS
 from memory_paths import MEMORY_PATHS
 from mixed_scenes import FEATURES, Feature
+from page_paths import PAGE_PATHS
 
 from conflictdb import ConflictDBError
 from conflictdb.model.path_limits import PATH_LIMITS, PathLimit
@@ -25,6 +26,7 @@ Path = Callable[[Any], Finding]
 
 IN_MEMORY: Final[Mapping[str, Path]] = {
     **MEMORY_PATHS,
+    **PAGE_PATHS,
     **{name: FILE_PATHS[name] for name in ("scene file", "GeoParquet")},
 }
 IN_DATABASE: Final[Mapping[str, Path]] = {

@@ -170,8 +170,6 @@ def by_page(plan: Plan) -> Plan:
     data = packed(SCENE, [], [plan])
     head = json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
     feature = head["plans"][plan.key]
-    if feature is None:
-        raise ConflictDBError("its voyages repeat: departures, schedule")
     read = read_scene(json.dumps({"type": "FeatureCollection", "features": [feature]}), "other")
     return only((read.areas, read.tracks))
 
@@ -188,7 +186,6 @@ def by_move(plan: Plan) -> Plan:
 
 # Nested ones are JSON texts; of positions all are texts.
 _TEXTS: Final[Mapping[str, Sequence[str]]] = {"properties": ()}
-_VOYAGES: Final = "its voyages repeat"
 IN_MEMORY: Final[Mapping[str, Callable[[Path], Border]]] = {
     "GeoJSON": lambda _: Border(by_text),
     "GeoJSON, one by one": lambda _: Border(by_text_one_by_one),
@@ -220,12 +217,8 @@ IN_MEMORY: Final[Mapping[str, Callable[[Path], Border]]] = {
     "Arrow": lambda _: Border(by_arrow),
     "rows of Spark": lambda _: Border(by_spark),
     "frames": lambda _: Border(by_frame),
-    "page": lambda _: Border(by_page, refuses={"departures_us": _VOYAGES, "schedule": _VOYAGES}, kinds=(Track,)),
-    "moved on the page": lambda _: Border(
-        by_move,
-        refuses={"departures_us": _VOYAGES, "schedule": _VOYAGES, "floors_m": "floors_m", "ceilings_m": "floors_m"},
-        kinds=(Track,),
-    ),
+    "page": lambda _: Border(by_page, kinds=(Track,)),
+    "moved on the page": lambda _: Border(by_move, refuses={"schedule": "change it instead"}, kinds=(Track,)),
     "later": lambda _: Border(lambda plan: later(plan, 0), changes={"schedule": ()}),
 }
 

@@ -6,7 +6,7 @@ import { counted, duration, metres, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
 import { DepartureStrip } from "./strip.js";
-import { union, unpackPieces, WhatIf } from "./what_if.js";
+import { limitsOf, union, unpackPieces, WhatIf } from "./what_if.js";
 
 const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
 const [FIRST_S, WIDER_S] = [3600, 10800]; // shown first; and where no departure within it is clear
@@ -101,14 +101,14 @@ export class Departure {
     this.stretches = element("ol");
     this.copied = element("p", { class: "soft", role: "status" });
     this.text = element("textarea", { "aria-label": "The moved plan", readonly: true, hidden: true, spellcheck: "false" });
+    this.copies = element("div", { class: "copies" },
+      element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs, this.upM, this.waypoint)) }, "Copy as SQL"),
+      element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs, this.upM, this.waypoint), null, 1)) }, "Copy as GeoJSON"));
     this.more = element("div", { hidden: true },
       this.canvas, this.slider, this.heights,
       element("div", { class: "clear" }, this.buttons.earlier, this.buttons.planned, this.buttons.later),
       element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
-      this.writing, this.stored,
-      element("div", { class: "copies" },
-        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs, this.upM, this.waypoint)) }, "Copy as SQL"),
-        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs, this.upM, this.waypoint), null, 1)) }, "Copy as GeoJSON")),
+      this.writing, this.stored, this.copies,
       this.copied, this.text);
     container.replaceChildren(
       element("header", {},
@@ -182,11 +182,12 @@ export class Departure {
   }
 
   // As high and as low as whatever is around, and clear of it.
-  limitHeight({ heights: [low, high], plan: { properties } }) {
-    const ends = [properties.floor_m, properties.ceiling_m].filter(Number.isFinite);
+  limitHeight({ heights: [low, high], plan }) {
+    const ends = limitsOf(plan);
     if (!ends.length) return;
-    const thick = Math.max(1, ends[ends.length - 1] - ends[0]);
-    [this.height.min, this.height.max] = [Math.max(-MOST_UP_M, Math.floor(low - ends[0] - thick)), Math.min(MOST_UP_M, Math.ceil(high - ends[0] + thick))];
+    const [floor, ceiling] = [Math.min(...ends), Math.max(...ends)];
+    const thick = Math.max(1, ceiling - floor);
+    [this.height.min, this.height.max] = [Math.max(-MOST_UP_M, Math.floor(low - floor - thick)), Math.min(MOST_UP_M, Math.ceil(high - floor + thick))];
   }
 
   // Which departures are in conflict at the height that is shown.
@@ -299,7 +300,10 @@ export class Departure {
     this.summary.textContent = this.told(conflicts);
     const isPlanned = us === 0 && upM === 0 && this.waypoint === null;
     const { may_edit: mayEdit, branch_of: parent } = this.on.rights();
-    this.writing.hidden = !mayEdit || isPlanned;
+    // A schedule says itself when its voyages depart.
+    const isScheduled = us !== 0 && "schedule" in this.whatIf.plan.properties;
+    this.writing.hidden = !mayEdit || isPlanned || isScheduled;
+    this.copies.hidden = isScheduled;
     this.writing.firstChild.hidden = parent !== null; // a branch has no branches
     this.on.change(isPlanned ? null : { key: this.key, laterUs: us, upM, waypoint: this.waypoint, conflicts });
   }

@@ -15,12 +15,16 @@ function later(text, us) {
 const windows = ({ properties }, us) => Object.fromEntries(["departure_window", "arrival_window"]
   .filter((name) => properties[name]).map((name) => [name, properties[name].map((text) => later(text, us))]));
 
+// A height, or a list of them, so many metres higher; null: no limit.
+const higher = (height, upM) => (Array.isArray(height) ? height.map((one) => higher(one, upM)) : Number.isFinite(height) ? height + upM : height);
+
 // The feature of a track that departs so many microseconds later, so many metres higher, with a waypoint [n, lon, lat] elsewhere.
 export function moved(feature, us, upM, waypoint) {
   const coordinates = feature.geometry.coordinates.map((place, n) => (waypoint?.[0] === n ? waypoint.slice(1) : place));
-  const { times, ...properties } = feature.properties;
-  const ends = ["floor_m", "ceiling_m"].filter((name) => Number.isFinite(properties[name])).map((name) => [name, properties[name] + upM]);
-  return { ...feature, geometry: { ...feature.geometry, coordinates }, properties: { ...properties, times: times.map((text) => later(text, us)), ...windows(feature, us), ...Object.fromEntries(ends) } };
+  const { properties } = feature;
+  const ends = ["floor_m", "ceiling_m"].filter((name) => name in properties).map((name) => [name, higher(properties[name], upM)]);
+  const times = ["times", "departures"].filter((name) => properties[name]).map((name) => [name, properties[name].map((text) => later(text, us))]);
+  return { ...feature, geometry: { ...feature.geometry, coordinates }, properties: { ...properties, ...Object.fromEntries([...times, ...ends]), ...windows(feature, us) } };
 }
 
 const quoted = (text) => (/\\/.test(text) ? `E'${text.replace(/\\/g, "\\\\").replace(/'/g, "''")}'` : `'${text.replace(/'/g, "''")}'`);
@@ -31,11 +35,16 @@ export function statement(scene, feature, us, upM, waypoint) {
   const within = us === 0 || Object.keys(moved).length === 0 ? "" : `,
     tolerances = tolerances || ${quoted(JSON.stringify(moved))}`;
   const [x, y] = waypoint ? waypoint.slice(1).map((degrees, i) => `CASE WHEN p.path[1] = ${waypoint[0] + 1} THEN ${degrees} ELSE ST_${"XY"[i]}(p.geom) END`) : ["ST_X(p.geom)", "ST_Y(p.geom)"];
-  const higher = upM === 0 ? "" : `,
-    floor_m = floor_m + ${upM}, ceiling_m = ceiling_m + ${upM}`;
+  const each = (column, more) => `${column} = (SELECT array_agg(e.one + ${more} ORDER BY e.n) FROM unnest(t.${column}) WITH ORDINALITY AS e (one, n))`;
+  const lists = ["floor_m", "ceiling_m"].filter((name) => Array.isArray(feature.properties[name])).map((name) => `,
+    ${each(name.replace("_m", "s_m"), upM)}`).join("");
+  const above = upM === 0 ? "" : `,
+    floor_m = floor_m + ${upM}, ceiling_m = ceiling_m + ${upM}${lists}`;
+  const departures = us === 0 || !feature.properties.departures ? "" : `,
+    ${each("departures", `interval '${us} microseconds'`)}`;
   return `UPDATE conflictdb.track AS t
 SET path = (SELECT ST_MakeLine(ST_SetSRID(ST_MakePointM(${x}, ${y}, ST_M(p.geom) + ${(us / 1e6).toFixed(6)}), 4326) ORDER BY p.path)
-            FROM ST_DumpPoints(t.path) AS p)${higher}${within}
+            FROM ST_DumpPoints(t.path) AS p)${above}${departures}${within}
 FROM conflictdb.scene AS s
 WHERE s.scene_id = t.scene_id AND s.name = ${quoted(scene)} AND t.key = ${quoted(feature.id)};
 `;

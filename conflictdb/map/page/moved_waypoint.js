@@ -17,7 +17,7 @@ function unwrapped(coordinates) {
   });
 }
 
-// Of each leg of an object the rows of a pack of its first and its last piece, in order of time.
+// Of each leg of an object, of each voyage, the rows of a pack of its first and its last piece, in order of time.
 function legsOf(pack, object) {
   const legs = new Map();
   pack.object.forEach((one, row) => {
@@ -36,13 +36,17 @@ export function withWaypoint(kernel, pack, key, [n, lon, lat], scene) {
   const { coordinates } = pack.plans[key].geometry;
   const places = unwrapped(coordinates.map((place, i) => (i === n ? [lon, lat] : place)));
   const bearings = bearingsOf(places, scene);
-  const legs = legsOf(pack, object).map((leg, nth) => ({ ...leg, from: places[nth], to: places[nth + 1], bearing: bearings[nth], turn: 0 }));
-  if (legs.length !== bearings.length || TOLERANCES.some((name) => name in pack.plans[key].properties)) throw new Error("the plan has tolerances");
+  const legs = legsOf(pack, object).map((leg, nth) => {
+    const i = nth % bearings.length;
+    return { ...leg, from: places[i], to: places[i + 1], bearing: bearings[i], turn: 0 };
+  });
+  if (legs.length % bearings.length !== 0 || TOLERANCES.some((name) => name in pack.plans[key].properties)) throw new Error("the plan has tolerances");
   const hulls = boxes(kernel.hulls(packed(pack, legs, []), pack.reach_m));
   const made = legs.flatMap((leg, nth) => onTurns(leg, hulls[nth], pack.turn_m));
   const others = [];
   boxes(hullsOf(kernel, pack)).forEach((box, row) => {
-    if (pack.object[row] !== object && made.some((leg) => overlap(leg.box, box))) others.push(row);
+    const isNear = pack.is_cover[row] || made.some((leg) => overlap(leg.box, box));
+    if (pack.object[row] !== object && isNear) others.push(row);
   });
   return packed(pack, made, others);
 }
@@ -62,8 +66,7 @@ function onTurns(leg, [west, south, east, north], turnM) {
 // A pack of legs, and of some rows of another pack.
 function packed(pack, legs, others) {
   const rows = [...legs.map(({ row }) => row), ...others];
-  const climbs = pack.climb_m && Float64Array.from(rows.flatMap((row) => [0, 1, 2, 3].map((i) => pack.climb_m[4 * row + i])));
-  const made = { ...pack, hulls: null, ...taken(pack, rows), ...(climbs && { climb_m: climbs }) };
+  const made = { ...pack, hulls: null, ...taken(pack, rows) };
   legs.forEach(({ last, from, to, bearing, turn }, row) => {
     made.start_us[row] = made.leg_start_us[row];
     made.end_us[row] = made.leg_end_us[row];
