@@ -141,6 +141,36 @@ $$;
 COMMENT ON FUNCTION _drop_orphans() IS
 'Removes branches and marks that were in use when their scene was removed.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._free_orphan_name(p_name text) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_branch_id bigint;
+BEGIN
+    SELECT b.scene_id INTO v_branch_id FROM scene b
+        WHERE b.name = p_name AND b.parent_scene_id IS NOT NULL
+          AND NOT EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id);
+    IF FOUND AND NOT _at_once(v_branch_id, true) THEN
+        FOUND := _raise('ZC007', format('scene %L', p_name), 'name', 'is still used by a branch of a removed scene',
+                        'scene_name_unique', 'Another session works on it. Try again.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _free_orphan_name(text) IS
+'Removes a branch of a name that was in use when its scene was removed; raises ZC007 if it still is. Runs as its owner: '
+'the branch may belong to another role, and nobody sees it. Restricted to branches whose scene is gone.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_scene_name() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    PERFORM _free_orphan_name(NEW.name);
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_scene_name() IS 'Trigger: frees the name of a new or renamed scene.';
+CREATE OR REPLACE TRIGGER scene_name_freed BEFORE INSERT OR UPDATE OF name ON scene
+    FOR EACH ROW EXECUTE FUNCTION _before_scene_name();
+ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_name_freed;
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._layers(p_scene_id bigint) RETURNS bigint[]
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN

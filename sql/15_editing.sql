@@ -15,9 +15,7 @@ BEGIN
     SELECT string_agg(format('%I', k.key), ', '), string_agg(format('(n.given).%I', k.key), ', ')
         INTO v_columns, v_values FROM jsonb_object_keys(v_settings) k (key);
     -- A branch that has lost its parent would take the objects with it (_drop_orphans).
-    DELETE FROM scene b
-        WHERE b.name = p_name AND b.parent_scene_id IS NOT NULL
-          AND NOT EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id);
+    PERFORM _free_orphan_name(p_name);
     LOOP
         IF v_columns IS NOT NULL THEN
             EXECUTE format('UPDATE scene s SET (%s) = ROW (%s)

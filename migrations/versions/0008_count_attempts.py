@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "96c04d09b4705757d1ad19f6d484a6ac061fd01648d21eb7a2baf7662aabe377"
+routines_sha256 = "a78ffc4f32a16595c481e914285339b947f957ff483c8d1eb2a4814a17686228"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -140,6 +140,39 @@ def test_a_branch_in_use_goes_with_its_parent(parent: Conn, other: Conn, lock: s
         assert ask(parent, f"SELECT count(*) FROM conflictdb.{table}") == 0
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "SELECT conflictdb.create_branch('t', 'b')",
+        "SELECT conflictdb.create_scene('b')",
+        "SELECT conflictdb.rename_scene('t', 'b')",
+        "SELECT conflictdb.copy_scene('t', 'b')",
+        "INSERT INTO conflictdb.scene (name) VALUES ('b')",
+        "UPDATE conflictdb.scene SET name = 'b' WHERE name = 't'",
+    ],
+)
+def test_a_branch_without_a_scene_takes_no_name(parent: Conn, other: Conn, statement: str) -> None:
+    """Nobody sees it, and no worker may run, which would remove it: who takes the name does; another role, too."""
+    parent.execute("SELECT conflictdb.create_scene('t')")
+    parent.execute("SELECT conflictdb.create_branch('s', 'b')")
+    parent.commit()
+    other.execute("SELECT FROM conflictdb.scene WHERE name = 'b' FOR UPDATE")
+    parent.execute("SELECT conflictdb.remove_scene('s')")
+    parent.execute("SET ROLE conflictdb_editor")
+    parent.commit()
+    with pytest.raises(psycopg.Error, match="is still used by a branch of a removed scene") as found:
+        parent.execute(statement.encode())
+    assert found.value.sqlstate == "ZC007"
+    parent.rollback()
+    other.rollback()
+    parent.execute("SET ROLE conflictdb_editor")
+    parent.execute(statement.encode())
+    parent.execute("RESET ROLE")
+    parents = "SELECT count(*) FROM conflictdb.scene b JOIN conflictdb.scene p ON p.scene_id = b.parent_scene_id"
+    assert ask(parent, parents) == ("branch" in statement)
+    assert ask(parent, "SELECT count(*) FROM conflictdb.scene WHERE name = 'b'") == 1
+
+
 def test_no_object_of_a_branch_keeps_its_parent_from_another_plane(parent: Conn, other: Conn) -> None:
     """Its role may be one that only reads the parent. Objects that do not fit are unresolved, and not merged."""
     other.execute("SELECT conflictdb.create_branch('s', 'b')")
