@@ -128,7 +128,7 @@ def _of_files(args: argparse.Namespace, scene: Scene) -> list[Area | Track]:
     from conflictdb.formats.gather import gather
 
     plans: list[Area | Track] = []
-    for read in gather(args.files, "plans", datum_of=lambda name: scene.vertical_datum):
+    for read in gather(args.files, "plans", settings_of=lambda name: scene):
         remark_read(read.skipped, read.remarks)
         if not (read.areas or read.tracks):
             raise without_objects("file", read.sources[0], read.skipped)

@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import Final, Unpack
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.contents import Contents, Phase, Remark, Skipped, left_out, name_of, unwatched, without_objects
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.hints import above
+from conflictdb.formats.hints import for_scene
 from conflictdb.formats.reading import ReadOptions, read, stem
-from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
+from conflictdb.model.plans import Area, Scene, Track
 
 
 @dataclass(slots=True)
@@ -46,12 +46,16 @@ class Plan:
         self.tracks = [track for track in self.tracks if f"track {track.key!r}" not in gone]
 
 
+# Settings that decide how other files of the scene are read.
+_DECIDES_READING: Final = frozenset({"vertical_datum", "motion", "tolerance_m"})
+
+
 def gather(
     paths: Sequence[str | Path],
     scene: str | None = None,
     *,
     phase: Phase = unwatched,
-    datum_of: Callable[[str], VerticalDatum] = lambda name: VerticalDatum.MSL,
+    settings_of: Callable[[str], Scene] = Scene,
     **options: Unpack[ReadOptions],
 ) -> list[Plan]:
     """Return the scenes in some files, in order of first appearance.
@@ -62,8 +66,8 @@ def gather(
         Files of one scene are combined as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the name in each file, else the name of the file.
-    datum_of : callable, optional
-        Returns what the heights of a scene are above, by its name; for files without settings.
+    settings_of : callable, optional
+        Returns the settings of a scene by its name; for files without settings.
     phase, **options : optional
         See `conflictdb.formats.read`.
 
@@ -81,17 +85,17 @@ def gather(
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
             files.append(_SceneFile(path, scene_name(path, None, scene)))
-    of_files: dict[str, VerticalDatum] = {}
+    of_files: dict[str, Scene] = {}
     for file in files:
-        file.read(partial(datum_of, file.scene), phase=phase, **options)
+        file.read(partial(settings_of, file.scene), phase=phase, **options)
         if isinstance(file.outcome, Contents) and file.outcome.scene is not None:
             file.scene = scene_name(file.path, file.outcome.scene, scene)
-            of_files[file.scene] = file.outcome.scene.vertical_datum
+            of_files[file.scene] = file.outcome.scene
     for file in files:
-        own = of_files.get(file.scene, file.datum)
-        if file.datum is not None and own is not None and own != file.datum:
-            # Read for another datum than that of the settings, which are in another file.
-            file.read(partial(VerticalDatum, own), phase=phase, **options)
+        own = of_files.get(file.scene)
+        if file.settings is not None and own is not None and set(own.differing(file.settings)) & _DECIDES_READING:
+            # Read for other settings than those of its scene, which are in another file.
+            file.read(partial(replace, own), phase=phase, **options)
         with refusals:
             contents = file.found()
             if contents.scene is None and not (contents.areas or contents.tracks):
@@ -107,24 +111,24 @@ class _SceneFile:
 
     scene : name of its scene
     outcome : once it is read
-    datum : that its heights were read for, None if it names none
+    settings : of the scene that it was read for, None if it needs none
     """
 
     path: str | Path
     scene: str
     outcome: Contents | InvalidInput = field(init=False)
-    datum: VerticalDatum | None = None
+    settings: Scene | None = None
 
-    def read(self, datum_of: Callable[[], VerticalDatum], *, phase: Phase, **options: Unpack[ReadOptions]) -> None:
-        """Read the file for a scene whose heights are above a datum."""
-        self.datum = None
+    def read(self, settings: Callable[[], Scene], *, phase: Phase, **options: Unpack[ReadOptions]) -> None:
+        """Read the file for a scene."""
+        self.settings = None
 
-        def asked() -> VerticalDatum:
-            self.datum = datum_of()
-            return self.datum
+        def asked() -> Scene:
+            self.settings = settings() if self.settings is None else self.settings
+            return self.settings
 
         try:
-            with above(asked):
+            with for_scene(asked):
                 self.outcome = read(self.path, phase=phase, **options)
         except InvalidInput as error:
             self.outcome = error

@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plans import Scene
 from conflictdb.model.settings import SETTINGS, VerticalDatum, checked
 
 _SETTING: Final = next(setting for setting in SETTINGS if setting.name == "vertical_datum")
@@ -75,24 +76,29 @@ class _Reading:
 
 
 _READING: ContextVar[_Reading | None] = ContextVar("reading", default=None)
-_DATUM: ContextVar[Callable[[], VerticalDatum]] = ContextVar("datum", default=lambda: VerticalDatum.MSL)
+_SCENE: ContextVar[Callable[[], Scene]] = ContextVar("scene", default=lambda: Scene("file"))
 
 
 @contextmanager
-def above(datum: Callable[[], VerticalDatum]) -> Iterator[None]:
-    """Read files for a scene whose heights are above a datum; it is called if a file names one."""
-    token = _DATUM.set(datum)
+def for_scene(settings: Callable[[], Scene]) -> Iterator[None]:
+    """Read files without settings for a scene; its settings are asked for if a file needs them."""
+    token = _SCENE.set(settings)
     try:
         yield
     finally:
-        _DATUM.reset(token)
+        _SCENE.reset(token)
 
 
 def vertical_datum() -> VerticalDatum:
     """Return what the heights of the scene are above that a file is read for."""
     reading = _READING.get()
     given = None if reading is None else reading.hints.vertical_datum
-    return _DATUM.get()() if given is None else VerticalDatum(given)
+    return scene_read_for().vertical_datum if given is None else VerticalDatum(given)
+
+
+def scene_read_for() -> Scene:
+    """Return the settings of the scene that a file without settings is read for."""
+    return _SCENE.get()()
 
 
 @contextmanager

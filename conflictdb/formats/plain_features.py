@@ -43,7 +43,7 @@ _GEOMETRY: Final = frozenset({"type", "coordinates"})
 _SIDES: Final = tuple(f"{side}_m" for side in SIDES)
 # Members of tracks that are left to `scene_file`.
 _RARE: Final = TRACK_MEMBERS - {"kind", "name", "times", "outline_m", "floor_m", "ceiling_m", *_SIDES, *RULED}
-# Sides with a smaller range of latitudes are rhumb lines, to a metre below 81 degrees.
+# Sides with smaller ranges of longitude and latitude are rhumb lines and great circles, to a metre below 81 degrees.
 _SMALL_DEG: Final = 0.025
 _LEAST_RING: Final = 4  # positions, the last equal to the first
 
@@ -117,7 +117,9 @@ def _is_small(feature: Any) -> bool:
             return True
         polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
         rings = chain.from_iterable(polygons)
-        return all(abs(b[1] - a[1]) < _SMALL_DEG for ring in rings for a, b in pairwise(ring))
+        return all(
+            abs(b[0] - a[0]) < _SMALL_DEG and abs(b[1] - a[1]) < _SMALL_DEG for ring in rings for a, b in pairwise(ring)
+        )
     except (KeyError, TypeError, IndexError, ValueError):
         return False
 

@@ -7,13 +7,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import WGS84_RADIUS_M
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_RADIUS_M
 from conflictdb.formats.contents import Remark
-from conflictdb.model.plans import Area
+from conflictdb.formats.hints import scene_read_for
+from conflictdb.model.plans import Area, Motion
 
 Floats = NDArray[np.float64]
 
-# Sides of a ring that is straight in longitude and latitude may be rhumb lines that deviate by this, metres.
+# The least tolerance that counts: lines of the scene may deviate by this from sides straight in longitude and latitude.
 DEVIATION_M: Final = 1.0
 # Vertices of a ring beyond which its sides stay as they are.
 MOST_VERTICES: Final = 1_000
@@ -24,28 +25,37 @@ _HIGHEST_DEG: Final = 89.0
 
 
 class LongSides:
-    """Sides of rings that the standard of their file draws straight in longitude and latitude, not as rhumb lines."""
+    """Sides of rings that the standard of their file draws straight in longitude and latitude, not as the scene does.
+
+    A scene draws rhumb lines or great circles.
+    """
 
     def __init__(self) -> None:
         self._changed: list[str] = []
         self._kept: list[tuple[float, str]] = []
+        self._lines = ""
 
     def straight(self, key: str, footprint: shapely.MultiPolygon) -> shapely.MultiPolygon:
-        """Return a footprint with vertices along long sides, so that rhumb lines deviate by half of DEVIATION_M.
+        """Return a footprint with vertices along long sides, so that lines of the scene deviate by half its tolerance.
 
-        A ring that would have more than MOST_VERTICES stays as it is.
+        The tolerance counts as at least DEVIATION_M. A ring that would have more than MOST_VERTICES stays as it is.
         """
         if not np.isfinite(shapely.get_coordinates(footprint)).all():
             return footprint  # refused later
+        rings = [shapely.get_coordinates(ring) for ring in _rings(footprint)]
+        if not any((one(ring) > DEVIATION_M).any() for ring in rings for one in _DEVIATIONS_M.values()):
+            return footprint
+        scene = scene_read_for()
+        most_m = max(DEVIATION_M, scene.tolerance_m)
         worst_m = 0.0
         is_changed = False
 
         def along(ring: Floats) -> Floats:
             nonlocal worst_m, is_changed
-            deviation_m = _deviation_m(ring)
-            if not (deviation_m > DEVIATION_M).any():
+            deviation_m = _DEVIATIONS_M[scene.motion](ring)
+            if not (deviation_m > most_m).any():
                 return ring
-            parts = np.maximum(np.ceil(np.sqrt(deviation_m / (0.5 * DEVIATION_M))), 1.0).astype(np.int64)
+            parts = np.maximum(np.ceil(np.sqrt(deviation_m / (0.5 * most_m))), 1.0).astype(np.int64)
             if parts.sum() > MOST_VERTICES:
                 worst_m = max(worst_m, float(deviation_m.max()))
                 return ring
@@ -63,6 +73,7 @@ class LongSides:
         ]
         if worst_m:
             self._kept.append((worst_m, key))
+            self._lines = _LINES[scene.motion]
         if not is_changed:
             return footprint
         self._changed.append(key)
@@ -72,17 +83,17 @@ class LongSides:
         """Yield remarks on the footprints that were changed, and on those that were not."""
         if self._changed:
             text = f"{len(self._changed):,} areas have long sides, straight in longitude and latitude by the standard"
-            why = f"vertices are added along them, such as of {self._changed[0]:.60}"
+            why = f"vertices are added along them, which exports have, such as of {self._changed[0]:.60}"
             yield Remark(source, "file", f"{text}: {why}")
         if self._kept:
             worst_m, key = max(self._kept)
             text = (
-                f"{len(self._kept):,} areas have so long sides that they are taken as rhumb lines, not as straight in"
+                f"{len(self._kept):,} areas have so long sides that they are taken as {self._lines}, not as straight in"
             )
             yield Remark(source, "file", f"{text} longitude and latitude: they differ by {worst_m:,.0f} m in {key:.60}")
 
 
-def _deviation_m(ring: Floats) -> Floats:
+def _from_rhumb_lines_m(ring: Floats) -> Floats:
     """Return how far the sides of a ring (n, 2) are from rhumb lines between its vertices, metres, at most (n - 1,).
 
     Where the latitude changes evenly with the longitude, the isometric latitude does not: by 1/8 of its second
@@ -95,6 +106,26 @@ def _deviation_m(ring: Floats) -> Floats:
     slope = east / np.maximum(np.hypot(east, north / np.cos(middle)), 1e-300)
     found = WGS84_RADIUS_M * north**2 * np.tan(np.minimum(highest, np.radians(_HIGHEST_DEG))) / 8.0 * slope
     return np.where(highest > np.radians(_HIGHEST_DEG), 0.0, found)
+
+
+def _from_great_circles_m(ring: Floats) -> Floats:
+    """Return how far the sides of a ring (n, 2) are from great circles between its vertices, metres, at most (n - 1,).
+
+    By the geodesic curvature of a line straight in longitude and latitude, tan(lat) sin(azimuth) (1 + cos(azimuth)^2).
+    """
+    lon, lat = np.radians(ring).T
+    east, north = np.abs(np.diff(lon)), np.abs(np.diff(lat))
+    highest = np.maximum(np.abs(lat[:-1]), np.abs(lat[1:]))
+    lowest = np.where(lat[:-1] * lat[1:] <= 0.0, 0.0, np.minimum(np.abs(lat[:-1]), np.abs(lat[1:])))
+    widest = np.maximum(np.hypot(north, np.cos(lowest) * east), 1e-300)
+    steepest = north / np.maximum(np.hypot(north, np.cos(highest) * east), 1e-300)
+    curvature = np.tan(np.minimum(highest, np.radians(_HIGHEST_DEG))) * np.cos(lowest) * east / widest
+    found = MEAN_RADIUS_M * curvature * (1.0 + steepest**2) * widest**2 / 8.0
+    return np.where(highest > np.radians(_HIGHEST_DEG), 0.0, found)
+
+
+_DEVIATIONS_M: Final = {Motion.RHUMB: _from_rhumb_lines_m, Motion.GREAT_CIRCLE: _from_great_circles_m}
+_LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
 class HalfTurns:

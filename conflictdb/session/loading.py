@@ -15,9 +15,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
-from conflictdb.formats.hints import FileHints, above
+from conflictdb.formats.hints import FileHints, for_scene
 from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
-from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
+from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.stages.world import World
 
 if TYPE_CHECKING:
@@ -68,8 +68,7 @@ def load_files(
     if len(paths) == 1 and is_parquet(paths[0]) and not any(v for name, v in options.items() if name not in _OF_PARTS):
         limits = options.get("max_speed_kn"), options.get("max_file_mb")
         return [_loaded_by_parts(connection, paths[0], scene, replace, *limits, phase)]
-    datum_of = partial(_stored_datum, connection)
-    gathered = gather(paths, scene, phase=phase, datum_of=datum_of, **options)
+    gathered = gather(paths, scene, phase=phase, settings_of=partial(_stored_settings, connection), **options)
     plans = [_with_settings(connection, plan, options.get("skip_invalid", False), phase) for plan in gathered]
     for plan, settings in plans:
         _require_objects(plan, replace)
@@ -112,11 +111,10 @@ def _with_settings(
     return plan, settings
 
 
-def _stored_datum(connection: "psycopg.Connection[Any]", name: str) -> VerticalDatum:
-    """Return what the heights of a stored scene are above; of one that is not stored, the default."""
+def _stored_settings(connection: "psycopg.Connection[Any]", name: str) -> Scene:
+    """Return the settings of a stored scene; of one that is not stored, the default."""
     with store.transaction(connection):
-        known = store.scene_settings(connection, name)
-    return (known or Scene(name)).vertical_datum
+        return store.scene_settings(connection, name) or Scene(name)
 
 
 def _require_datum(settings: Scene, hints: FileHints | None) -> None:
@@ -132,10 +130,10 @@ def _own_settings(connection: "psycopg.Connection[Any]", name: str, settings: Sc
     """Return the settings of a scene: a file's, else the stored ones."""
     if settings is not None and (settings.motion != Motion.GREAT_CIRCLE or settings.centre is not None):
         return settings
+    if settings is None:
+        return _stored_settings(connection, name)
     with store.transaction(connection):
         known = store.scene_settings(connection, name)
-    if settings is None:
-        return known or Scene(name)
     # A stored centre is kept.
     return settings if known is None else dataclasses.replace(settings, centre=known.centre)
 
@@ -151,7 +149,7 @@ def _loaded_by_parts(
 ) -> Loaded:
     """Load a file in parts, to bound memory."""
     read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
-    with above(partial(_stored_datum, connection, scene_name(path, None, scene))), read() as parts:
+    with for_scene(partial(_stored_settings, connection, scene_name(path, None, scene))), read() as parts:
         name = scene_name(path, parts.settings, scene)
         settings = _own_settings(
             connection, name, None if parts.settings is None else dataclasses.replace(parts.settings, name=name)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import InvalidInput, Track, read
+from conflictdb import InvalidInput, Scene, Track, read
 from conflictdb.earth import geodesy
-from conflictdb.model.plans import EarthModel
+from conflictdb.formats.gather import gather
+from conflictdb.model.plans import EarthModel, Motion
 
 HOURS = [f"2026-06-01T1{hour}:00:00Z" for hour in range(4)]
 POINT = {"fore_m": 0, "aft_m": 0, "port_m": 0, "starboard_m": 0}
@@ -124,3 +125,45 @@ def test_a_track_that_is_cut_at_the_antimeridian_is_one_line(name: str, tmp_path
     apart = [PARTS[0], [[-179, -17.5], [-178, -17.5]]]
     with pytest.raises(InvalidInput, match="must be one line: a track has no gaps; lines are joined if each begins"):
         cut(tmp_path / name, nested, apart)
+
+
+def of_scene(path: Path, **settings: Any) -> Any:
+    """The area of a file that is loaded into a scene."""
+    (plan,) = gather([path], "S", settings_of=lambda name: Scene(name, **settings))
+    return plan
+
+
+@pytest.mark.parametrize("name", ["a.geojson", "a.kml", "a.gpkg", "a.parquet"])
+def test_sides_of_foreign_files_in_scenes_of_great_circles(name: str, tmp_path: Path) -> None:
+    """A side along 60 N of 30 degrees: a great circle leads up to 60.9 N. Own scene files keep their meaning."""
+    ring = [[0.0, 50.0], [30.0, 50.0], [30.0, 60.0], [0.0, 60.0], [0.0, 50.0]]
+    plan = of_scene(written(tmp_path / name, ring), motion=Motion.GREAT_CIRCLE, earth=EarthModel.SPHERE)
+    found = shapely.get_coordinates(plan.areas[0].footprint)
+    for lat in (50.0, 60.0):
+        lon = np.sort(found[np.abs(found[:, 1] - lat) < 1e-9, 0])
+        step = np.radians(np.diff(np.unique(lon)).max())
+        rise = np.degrees(np.arctan(np.tan(np.radians(lat)) / np.cos(0.5 * step))) - lat
+        assert 0.0 < rise * 111_000.0 < 1.0
+    assert any("vertices are added along them, which exports have" in one.text for one in plan.remarks)
+    assert len(shapely.get_coordinates(read(tmp_path / name).areas[0].footprint)) == 5  # rhumb lines follow them
+
+
+@pytest.mark.parametrize(("tolerance_m", "most_m"), [(0.1, 1.0), (1.0, 1.0), (500.0, 500.0)])
+def test_the_tolerance_of_the_scene_says_how_many_vertices(tolerance_m: float, most_m: float, tmp_path: Path) -> None:
+    path = geojson(tmp_path / "a.geojson", [TRIANGLE])
+    counts = {
+        one: len(shapely.get_coordinates(of_scene(path, tolerance_m=one).areas[0].footprint))
+        for one in (tolerance_m, most_m)
+    }
+    assert counts[tolerance_m] == counts[most_m]
+    assert (counts[tolerance_m] < 60) == (tolerance_m == 500.0)
+
+
+def test_settings_in_another_file_of_the_scene_count(tmp_path: Path) -> None:
+    ring = [[0.0, 50.0], [30.0, 50.0], [30.0, 60.0], [0.0, 60.0], [0.0, 50.0]]
+    first = geojson(tmp_path / "a.geojson", [ring])
+    settings = {"name": "S", "motion": "great_circle", "earth": "sphere"}
+    second = tmp_path / "s.geojson"
+    second.write_text(json.dumps({"type": "FeatureCollection", "scene": settings, "features": []}))
+    (plan,) = gather([first, second], "S")
+    assert len(shapely.get_coordinates(plan.areas[0].footprint)) > 100

@@ -70,11 +70,13 @@ def test_settings_in_one_file_are_the_datum_of_the_others(tmp_path: Path, datum:
     for path in files:
         paths = [settings, path] if first else [path, settings]
         if path is own:
-            ((one,),) = (plan.areas for plan in gather(paths, "plans", datum_of=lambda name: VerticalDatum.MSL))
+            ((one,),) = (plan.areas for plan in gather(paths, "plans", settings_of=Scene))
             assert one.ceiling_m == pytest.approx(3048.0)
         else:
             with pytest.raises(InvalidInput, match=f"intent {path.stem!r}") as refused:
-                gather(paths, "plans", datum_of=lambda name, of=path.stem: VerticalDatum(of))
+                gather(
+                    paths, "plans", settings_of=lambda name, of=path.stem: Scene(name, vertical_datum=VerticalDatum(of))
+                )
             assert f"a scene with vertical_datum {path.stem} at its own" in str(refused.value)
 
 
