@@ -7,6 +7,7 @@ Instants are datetimes with a zone, or ISO 8601 texts with an offset. The refere
 than longitude and latitude on WGS84 are transformed vertex by vertex.
 """
 
+import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -24,7 +25,7 @@ from conflictdb.formats.frame_values import is_of, plain
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import ToDegrees, of_name
 from conflictdb.formats.track_times import TrackAtSpeed, timed
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
 if TYPE_CHECKING:
@@ -89,8 +90,7 @@ def tracks_of(
 def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: TimeZone) -> list[Track]:
     """Return the tracks of trajectories, each a frame of fixes.
 
-    Sizes are the largest of all fixes, heights of a leg the wider of those at its ends; other members that differ are
-    refused.
+    Sizes are those of each fix, heights of a leg the wider of those at its ends; other members that differ are refused.
 
     MovingPandas removes the zone from the instants and stores it in an attribute.
     """
@@ -102,7 +102,7 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
         with refusals:
             frame = trajectory.to_point_gdf()
             setting = file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
-            own = _of_all_fixes(who, frame, zone)
+            own = _of_all_fixes(who, frame, zone, haven)
             times = plain(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
             members = {"times": times, **own}
             line = shapely.LineString(shapely.get_coordinates(np.asarray(frame.geometry.array, dtype=np.object_)))
@@ -112,7 +112,7 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
     return tracks
 
 
-def _of_all_fixes(who: str, frame: Any, zone: TimeZone) -> dict[str, Any]:
+def _of_all_fixes(who: str, frame: Any, zone: TimeZone, haven: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the fixes of a trajectory say of the whole track; raises InvalidInput for members that differ."""
     rows = [values for _, _, values, _ in _rows(who, frame)]
     found: dict[str, Any] = {}
@@ -136,7 +136,43 @@ def _of_all_fixes(who: str, frame: Any, zone: TimeZone) -> dict[str, Any]:
             elif not is_constant and lower in (*file_objects.TRACK_MEMBERS, file_objects.DATUM):
                 raise InvalidInput(who, text, f"differs between fixes: {given[0]!r:.60} and others; a track has one")
     refusals.raise_found()
-    return found
+    return _with_outlines(who, found, rows, zone, haven)
+
+
+def _with_outlines(
+    who: str,
+    found: dict[str, Any],
+    rows: Sequence[Mapping[Hashable, Any]],
+    zone: TimeZone,
+    haven: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return members with an outline for each fix where sizes change; a fix without a size has the largest one.
+
+    With members that allow no outlines (growth, tolerances) all fixes have the largest sizes, with a warning.
+    """
+    sizes = {name: name.lower() for name in found if name.lower() in file_objects.SIZES}
+    given = {lower: [plain(who, name, row[name], zone) for row in rows] for name, lower in sizes.items()}
+    if all(len({value for value in values if value is not None}) < 2 for values in given.values()):
+        return found
+    if {name.lower() for name in found} & {"grow_mps", *file_objects.TOLERANCES}:
+        text = "sizes differ between fixes, and growth or tolerances need one size: the largest counts"
+        warnings.warn(f"{who}: {text}", UserWarning, stacklevel=2)
+        return found
+    whole = {name.lower(): value for name, value in _with_haven({name: found[name] for name in sizes}, haven).items()}
+    sides = []
+    for side in file_objects.SIDES:
+        unit = next((unit for unit in ("m", "nmi") if f"{side}_{unit}" in whole), None)
+        if unit is None:
+            return found  # refused later
+        largest = whole[f"{side}_{unit}"]
+        values = given.get(f"{side}_{unit}", [largest] * len(rows))
+        scale = 1.0 if unit == "m" else METRES_PER_NMI
+        sides.append([(largest if value is None else value) * scale for value in values])
+    outlines = [
+        [[starboard, fore], [starboard, -aft], [-port, -aft], [-port, fore]]
+        for fore, aft, port, starboard in zip(*sides, strict=True)
+    ]
+    return {**{name: value for name, value in found.items() if name not in sizes}, "outlines_m": outlines}
 
 
 def _of_legs(heights_m: Sequence[float | None], widest: Callable[[float, float], float]) -> list[float | None]:

@@ -464,7 +464,8 @@ def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None
     (first, _) = from_frames.tracks_of(
         movingpandas.TrajectoryCollection(changing, "ship"), Scene("s"), {}, TimeZone("UTC")
     )
-    assert first.outline_m[:, 1].max() == 70.0
+    assert first.outlines_m is not None
+    assert first.outlines_m[:, :, 1].max(axis=1).tolist() == [60.0, 70, 60, 70, 60, 70, 60]
     assert (first.floor_m, first.ceiling_m) == (-9.0, None)
     datums = fixes().assign(floor_m=1.0, vertical_datum=["wgs84", "msl"] * 7)
     with pytest.raises(InvalidInput, match="trajectory 'E': vertical_datum: differs between fixes"):
@@ -476,6 +477,23 @@ def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None
         nowhere = movingpandas.TrajectoryCollection(fixes().set_crs(None, allow_override=True), "ship", crs=None)
     with pytest.raises(InvalidInput, match="trajectory 'E': has no reference system"):
         solve(nowhere, area, time_zone="UTC")
+
+
+@ITS_OWN
+def test_sizes_of_trajectories_are_those_of_each_fix(movingpandas: Any) -> None:
+    """The largest of all fixes counted everywhere: a ship met an area before it was large enough."""
+
+    def tracks(**columns: Any) -> Any:
+        frame = fixes().iloc[:7].assign(**columns)
+        given = movingpandas.TrajectoryCollection(frame.dropna(axis="columns", how="all"), "ship")
+        return from_frames.tracks_of(given, Scene("s"), {**HAVEN, "port_m": 0.0}, TimeZone("UTC"))
+
+    (one,) = tracks(fore_m=[60.0, 60, 60, 900, 900, np.nan, 60], port_m=np.nan, aft_m=0.0, starboard_m=0.0)
+    assert one.outlines_m.max(axis=1)[:, 1].tolist() == [60, 60, 60, 900, 900, 900, 60]
+    assert one.outlines_m.min(axis=1)[:, 0].tolist() == [0.0] * 7
+    with pytest.warns(UserWarning, match="trajectory 'E': sizes differ between fixes, .* the largest counts"):
+        (two,) = tracks(fore_m=[60.0, 60, 60, 900, 900, np.nan, 60], xtd_port_m=5.0)
+    assert two.outline_m[:, 1].max() == 900.0
 
 
 @ITS_OWN
