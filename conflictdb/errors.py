@@ -19,12 +19,20 @@ IncompleteWarning accompanies an answer that may lack conflicts, because changes
 solver could not decide is not an error: its verdict is `unresolved`.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Final
 
 # A message lists at most this many mistakes, a screen full, and counts the rest.
 MOST_TOLD: Final = 20
+# A reason of more objects is said once, with so many of their names.
+_FEW: Final = 3
+_MOST_NAMED: Final = 5
+# Values in a message: quoted texts, and numbers.
+_VALUES: Final = re.compile(r"'[^']{0,200}'|\d[\d.,]*")
+# The kind of an object before its name, as in "track 'T'".
+_KIND: Final = re.compile(r"^\w+ (?=')")
 # Longest part of a message, in characters: longer than any real key or path, and still readable.
 _LONGEST_PART: Final = 4_000
 
@@ -40,6 +48,35 @@ def printable(text: str, keep: str = "") -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in keep else repr(c)[1:-1] for c in text)
+
+
+def said_once(said: Sequence[tuple[str, str, str]], lead: str = "", most: int = MOST_TOLD) -> list[str]:
+    """Return lines of some reasons, at most `most` and one that counts the rest.
+
+    A reason of more than _FEW objects is said once, with their number and some of their names; so are reasons that
+    differ in numbers and quoted texts only.
+
+    said : the source of each reason, its object, and its text
+    lead : text before the object
+    """
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for i, one in enumerate(said):
+        alike.setdefault(tuple(_VALUES.sub("#", part) for part in one), []).append(i)
+    groups = [group for one in alike.values() for group in ([one] if len(one) > _FEW else [[i] for i in one])]
+    groups.sort()
+    lines = []
+    for group in groups[:most]:
+        source, key, text = said[group[0]]
+        line = ": ".join(_shown(part) for part in (source, f"{lead}{key}", text) if part)
+        if len(group) > 1:
+            names = [said[i][1] for i in group[1 : _MOST_NAMED + 1]]
+            named = ", ".join(_shown(_KIND.sub("", name)) for name in names)
+            more = ", …" if len(group) - 1 > len(names) else ""
+            line += f" (and {len(group) - 1:,} more: {named}{more})"
+        lines.append(line)
+    if len(groups) > most:
+        lines.append(f"and {sum(map(len, groups[most:])):,} more")
+    return lines
 
 
 class ConflictDBError(Exception):
@@ -73,11 +110,8 @@ class InvalidInput(ConflictDBError, ValueError):
 
     def __str__(self) -> str:
         """Return the message; made only when it is read, since a file may have 100,000 mistakes."""
-        lines = [": ".join(_shown(part) for part in (self.source, self.key, self.field, self.rule) if part)]
-        lines += [str(other) for other in self.also[: MOST_TOLD - 1]]
-        if len(self.also) >= MOST_TOLD:
-            lines.append(f"and {len(self.also) - MOST_TOLD + 1:,} more")
-        return "\n".join(lines)
+        said = ((one.source, one.key, ": ".join(filter(None, (one.field, one.rule)))) for one in self)
+        return "\n".join(said_once(list(said)))
 
     def __iter__(self) -> "Iterator[InvalidInput]":
         """Yield each mistake as an error of its own."""

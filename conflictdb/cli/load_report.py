@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
-from conflictdb.errors import MOST_TOLD, NotCurrent
+from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats import Skipped
 from conflictdb.formats.conflict_gpx import position_of
 from conflictdb.formats.conflict_text import MoreColumn
@@ -274,21 +274,20 @@ def remark_read(skipped: Iterable[Skipped], remarks: Sequence[Remark]) -> None:
     """Print what was left out of files, and remarks on unintended input."""
     for line in skipped_text(skipped):
         remark(line)
-    for odd in remarks[:MOST_TOLD]:
-        remark(str(odd))
-    if len(remarks) > MOST_TOLD:
-        remark(f"and {len(remarks) - MOST_TOLD:,} more remarks")
+    for line in said_once([(one.source, one.key, one.text) for one in remarks]):
+        remark(line)
 
 
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
     """Return one line per file and reason, with the names of the objects and the number of rows of each."""
     groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
-    lines = []
+    whole = []
     for one in skipped:
         if one.lines:
             groups[one.source, one.reason].append(one)
         else:
-            lines.append(str(one))
+            whole.append((one.source, one.key, one.reason))
+    lines = said_once(whole, "left out ", len(whole))
     for (source, reason), members in groups.items():
         rows = sum(len(one.lines) for one in members)
         named = ", ".join(f"{one.key} ({'all' if one.is_whole else len(one.lines)})" for one in members)

@@ -9,7 +9,9 @@ import shapely
 from plan_files import HAVEN, SQUARE, TIMES, area, read, refusal, track, write
 
 from conflictdb import formats
-from conflictdb.errors import MOST_TOLD
+from conflictdb.cli.load_report import remark_read
+from conflictdb.errors import MOST_TOLD, InvalidInput
+from conflictdb.formats.contents import Remark, Skipped
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import Area, Scene, Track
@@ -186,13 +188,34 @@ def test_all_mistakes_are_told_in_one_go(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(("more", "last"), [(0, f"area 'A{MOST_TOLD - 1}': begin"), (5, "and 5 more")])
-def test_of_many_mistakes_the_first_are_told_and_the_rest_counted(tmp_path: Path, more: int, last: str) -> None:
-    features = [area(f"A{i}", begin=TIMES[0]) for i in range(MOST_TOLD + more)]
-    lines = str(refusal(write(tmp_path, *features))).splitlines()
+@pytest.mark.parametrize(("more", "last"), [(0, f"area 'A{MOST_TOLD - 1}': it_{'x' * MOST_TOLD}"), (5, "and 5 more")])
+def test_of_many_mistakes_the_first_are_told_and_the_rest_counted(more: int, last: str) -> None:
+    found = [InvalidInput(f"area 'A{i}'", f"it_{'x' * (i + 1)}", "is wrong") for i in range(MOST_TOLD + more)]
+    lines = str(InvalidInput(found[0].key, found[0].field, found[0].rule, "", found[1:])).splitlines()
     assert len(lines) == MOST_TOLD + (more > 0)
-    assert "area 'A0': begin" in lines[0]
+    assert lines[0] == "area 'A0': it_x: is wrong"
     assert last in lines[-1]
+
+
+def test_one_reason_of_many_objects_is_said_once(tmp_path: Path) -> None:
+    """324 lines of a feed of zones were two reasons. Values may differ; the first object is said in full."""
+    features = [area(f"A{i}", begin=TIMES[i % 2]) for i in range(25)] + [area("B", floor_m="x"), area("C", floor_m="y")]
+    lines = str(refusal(path := write(tmp_path, *features))).splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith(f"{path}: area 'A0': begin: is not known; did you mean start?")
+    assert lines[0].endswith(" (and 24 more: 'A1', 'A2', 'A3', 'A4', 'A5', …)")
+    assert "area 'B': floor_m: must be a number; got 'x'" in lines[1]
+    assert "area 'C': floor_m: must be a number; got 'y'" in lines[2]
+
+
+def test_left_out_objects_and_remarks_of_one_reason_are_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    skipped = [
+        Skipped("a.json", f"zone 'Z{i}'", f"upper: is {i} m above ground", (), is_whole=True) for i in range(300)
+    ]
+    remark_read(skipped, [Remark("a.txt", f"NOTAM 'A{i}'", "is a circle") for i in range(9)])
+    first, second = capsys.readouterr().err.splitlines()
+    assert "left out zone 'Z0': upper: is 0 m above ground (and 299 more: 'Z1', 'Z2', 'Z3', 'Z4', 'Z5', …)" in first
+    assert "a.txt: NOTAM 'A0': is a circle (and 8 more: 'A1', 'A2', 'A3', 'A4', 'A5', …)" in second
 
 
 def test_what_is_exported_with_suspect_properties_reads_back() -> None:
