@@ -30,7 +30,7 @@ from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.differences import DifferenceState
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages import delays
-from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.near import Memory
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
 
@@ -172,7 +172,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     began = time.process_time()
     ends = Ends(delays.solved_shifts)
     with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
-        every = delays.differences_of(setup, AnyTime.of(pieces), numbers, horizon_us, waits=None)
+        every = delays.differences_of(setup, Memory(pieces), numbers, horizon_us, waits=None)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began

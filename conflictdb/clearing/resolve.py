@@ -21,8 +21,8 @@ from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
+from conflictdb.stages.near import Memory
 from conflictdb.stages.world import Reach
 
 _Ints = NDArray[np.int64]
@@ -156,7 +156,7 @@ def resolve(
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
-    found = differences_of(setup.under(scene), AnyTime.of(pieces), numbers, most_us, waits=None)
+    found = differences_of(setup.under(scene), Memory(pieces), numbers, most_us, waits=None)
     weight = np.array([weights.get(key, 1.0) for key in movable])
     program = Program.of(found, numbers, low, high, weight)
     classes = [planned[key].object_class for key in movable]

@@ -27,7 +27,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import expansion, follow_attached, store
 from conflictdb.db.difference_rows import refresh_differences
-from conflictdb.db.sources import FewSource, SceneSource
+from conflictdb.db.sources import FewStored, Stored
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
@@ -222,8 +222,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
                 setup, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
         separations = Separations.of(setup.scene)
-        within_us = setup.scene.longest_time_us
-        source = SceneSource(conn, scene_id, options.memory, writing.start, within_us, separations)
+        source = Stored(conn, scene_id, options.memory, writing.start, separations)
         return _refresh_conflicts(conn, writing.result, source, setup, record, options, started)
     except BaseException as error:
         # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
@@ -287,7 +286,7 @@ def _detect_few(
     if few.known_objects is not None:
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
-    source = FewSource(conn, scene_id, options.memory, few.srid, pieces, within_us=settings.longest_time_us)
+    source = FewStored(conn, scene_id, options.memory, few.srid, pieces)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
     return _refresh_conflicts(conn, lambda: staged, source, setup, record, options, started, few.numbers)
 
@@ -383,7 +382,7 @@ class _Background:
 def _refresh_conflicts(
     conn: psycopg.Connection[Any],
     begun: Callable[[], store.Staged],
-    source: SceneSource,
+    source: Stored,
     setup: Setup,
     record: store.RunRecord,
     options: _Options,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages import near
 from conflictdb.stages.delays import differences_with
 from conflictdb.stages.memory import Memory
 from conflictdb.stages.object_pairs import object_numbers
@@ -71,7 +71,7 @@ def refresh_differences(
         stops = replace(stops, track=known[by_number[at]])
         found = differences_with(
             setup,
-            AnyTime.of(pieces_by_key),
+            near.Memory(pieces_by_key),
             np.unique(of_key[np.isin(numbers, some)]),
             horizon_us,
             jobs,

@@ -30,8 +30,8 @@ from conflictdb.model.inputs import certain
 from conflictdb.model.plans import LINES, Area, Track, check_datums, check_legs
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk
 from conflictdb.stages.to_results import to_results
 from conflictdb.stages.world import World, is_within, occupy
 
@@ -199,7 +199,6 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
 class _PlanSource:
     """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet.
 
-    within_us : the scene's separation in time, microseconds
     most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
     """
 
@@ -212,21 +211,20 @@ class _PlanSource:
         pieces: Pieces,
         memory: Memory,
         most_compared: int = MOST_COMPARED,
-        within_us: int = 0,
     ) -> None:
         self._conn, self._scene_id, self._memory, self._most_compared = conn, scene_id, memory, most_compared
-        self._within_us = within_us
         self._plan, self._replaced, self._pieces = plan, replaced, pieces
 
-    def candidates(self) -> Iterator[Chunk]:
-        longer = self._pieces.longer(self._within_us, self._within_us)
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        within_us = question.within_us
+        longer = self._pieces.longer(within_us, within_us)
         near, parts = store.pieces_meeting(self._conn, self._scene_id, longer, self._replaced, self._most_compared)
         if not len(near):
             return
         if parts is not None:
             yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
         else:
-            yield from pairs_of_rows(near, self._with_plan, self._memory, self._within_us)
+            yield from pairs_of_rows(near, self._with_plan, self._memory, within_us)
 
     def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
@@ -259,7 +257,7 @@ def _probed_alone(
     scene = world.setup.scene
     occupied = occupy(world, *by_kind([plan]))
     cut: Area | Track = (occupied.areas or occupied.tracks)[0]
-    source = _PlanSource(conn, scene_id, cut, plan.key, occupied.pieces, memory, within_us=scene.longest_time_us)
+    source = _PlanSource(conn, scene_id, cut, plan.key, occupied.pieces, memory)
     parts = [part for part, _ in run_scene(world.setup, source, jobs=jobs)]
     if not parts:
         return []

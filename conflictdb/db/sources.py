@@ -19,9 +19,9 @@ from conflictdb.db import store
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.separations import NEVER, Separations
-from conflictdb.stages.source import Chunk
 
 # Read bundles by id; also return the rank of each piece in object order.
 Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]
@@ -33,15 +33,14 @@ _LOOKED_AT: Final = 16
 MOST_COMPARED: Final = 1_000
 # More than an object has parts: a number for a row and a part of it.
 _MOST_PARTS: Final = 2**32
-# FewSource reads at most this fraction of the pairs that would fit: rows may contain many pieces.
+# FewStored reads at most this fraction of the pairs that would fit: rows may contain many pieces.
 _SHARE_OF_FEW: Final = 8
 
 
-class SceneSource:
+class Stored:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
 
     meanwhile : called after each read of pieces, when the database is idle until they are solved
-    within_us : the largest separation in time of the scene's pairs, microseconds
     separations : of the scene; None: all pairs are compared
     """
 
@@ -51,34 +50,34 @@ class SceneSource:
         scene_id: int,
         memory: Memory = DEFAULT_MEMORY,
         meanwhile: Callable[[], None] = lambda: None,
-        within_us: int = 0,
         separations: Separations | None = None,
     ) -> None:
         self._conn, self.scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
-        self._within_us, self._separations = within_us, separations
+        self._separations = separations
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, question: Question) -> Iterator[Chunk]:
         """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
 
         It returns them if many objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
+        within_us = question.within_us
         ids, pieces, boxes, numbers, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
-        boxes = boxes.meeting_within(self._within_us)
+        boxes = boxes.meeting_within(within_us)
         if not len(ids):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
-                for chunk in pairs_of_rows(found, self._read, self._memory, self._within_us):
+                for chunk in pairs_of_rows(found, self._read, self._memory, within_us):
                     yield chunk._replace(share=None)
             return
         memory = self._memory.beside(len(ids))
         joined_rows = self._joined(ids, pieces, boxes, numbers, marks, memory.pairs)
         if pieces.sum() > memory.pieces or not marks.are_all():
             for found in joined_rows:
-                for chunk in pairs_of_rows(found, self._read, memory, self._within_us):
+                for chunk in pairs_of_rows(found, self._read, memory, within_us):
                     yield chunk._replace(share=found.share)
             return
         bundles, place = self._read(ids)
         for found in joined_rows:
-            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, self._within_us):
+            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, within_us):
                 yield chunk._replace(share=found.share)
 
     def _joined(
@@ -116,7 +115,7 @@ class SceneSource:
         return store.seen_tracks(self._conn, self.scene_id, track_ids.tolist())
 
 
-class FewSource(SceneSource):
+class FewStored(Stored):
     """The pieces of few changed objects, which it stores, and all they may meet.
 
     srid : of the scene's plane
@@ -131,13 +130,12 @@ class FewSource(SceneSource):
         srid: int,
         pieces: Pieces,
         most_compared: int = MOST_COMPARED,
-        within_us: int = 0,
         separations: Separations | None = None,
     ) -> None:
-        super().__init__(conn, scene_id, memory, within_us=within_us, separations=separations)
+        super().__init__(conn, scene_id, memory, separations=separations)
         self._srid, self._pieces, self._most_compared = srid, pieces, most_compared
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, question: Question) -> Iterator[Chunk]:
         """Store the pieces, and yield their pairs."""
         if not len(self._pieces):
             return
@@ -148,10 +146,10 @@ class FewSource(SceneSource):
             chunk = pairs_of_parts(met.bundles, met.place, met.a, met.b, met.parts)
             yield chunk._replace(candidate_pairs=met.candidate_pairs, stage2_s=met.stage2_s)
         elif len(met.a) < most:
-            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs, self._within_us)
+            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs, question.within_us)
         else:
             del met
-            yield from super().candidates()
+            yield from super().pairs(question)
 
 
 def joined(

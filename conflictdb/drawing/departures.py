@@ -18,9 +18,9 @@ from conflictdb.model import inputs
 from conflictdb.model.departure_text import duration_text, least_text
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind, distinct_labels
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.delays import FirstStops, Leeway, delays_of, differences_of
+from conflictdb.stages.near import Memory
 from conflictdb.stages.separations import Separations
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def plot_coordination(
         number = int(numbers_of(np.array([Kind.TRACK.code]), np.array([0]))[0])
         origin_us = int(a.times_us[0])
         outer, inner = contact_set(sketch.setup, sketch.pieces, number, horizon_us, origin_us, _SLICES)
-        placed, stops = AnyTime.of(sketch.pieces), FirstStops.of(TrackBatch.of(tracks))
+        placed, stops = Memory(sketch.pieces), FirstStops.of(TrackBatch.of(tracks))
         every = differences_of(sketch.setup, placed, np.array([number]), horizon_us, waits=stops)
         others = dict.fromkeys(np.unique(every.other).tolist(), b.key)
         found = delays_of(a.key, others, every, horizon_us, Leeway.of(a, horizon_us))

@@ -15,9 +15,10 @@ from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind, distinct_labels
 from conflictdb.stages.climbs import bands_at
+from conflictdb.stages.near import Memory, Question
 from conflictdb.stages.pieces.covers import COVER
 from conflictdb.stages.published.stage3_projection import windows
-from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+from conflictdb.stages.stage1_broad_phase import hulls_of
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.world import World, occupy
 
@@ -121,7 +122,7 @@ class Sketch:
         A projection line (2, 2) crosses the way of a track where its haven can first, or last, be in a region; with the
         number of the track.
         """
-        rows, others = candidates(self.pieces)
+        rows, others = Memory(self.pieces).rows(Question())
         wanted = (np.minimum(self._owner[rows], self._owner[others]) == min(a, b)) & (
             np.maximum(self._owner[rows], self._owner[others]) == max(a, b)
         )

@@ -33,10 +33,10 @@ from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.model.rules import check_word
 from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import pairs_together
 from conflictdb.stages.to_results import to_results
 from conflictdb.stages.world import World, has_schedules, horizon, hull, occupy, touched
@@ -393,7 +393,7 @@ class _Given:
     def __init__(self, pieces: Pieces, a: PieceRows, b: PieceRows, members: "Mapping[Kind, list[Member]]") -> None:
         self._pieces, self._a, self._b, self._members = pieces, a, b, members
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, _: Question) -> Iterator[Chunk]:
         number = object_numbers(self._pieces)
         for rows in chunks_of_objects(number[self._a], number[self._b], DEFAULT_MEMORY.pairs):
             yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))

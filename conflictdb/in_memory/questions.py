@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
@@ -21,15 +21,11 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import Window, require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import FirstStops, Leeway, delays_of, differences_of, waits_of
 from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.margins import least_margins
-from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.near import Memory
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk
-from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.to_results import to_results
 from conflictdb.stages.world import AS_PLANNED, Occupied, Reach, World, occupy
 
@@ -148,14 +144,14 @@ def delays_over(
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
-        waits = waits_of(setup, AnyTime.of(pieces), number, waits_us, horizon_us)
+        waits = waits_of(setup, Memory(pieces), number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
         answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
         asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
         stops = FirstStops.of(TrackBatch.of(tracks))
-        every = differences_of(setup, AnyTime.of(pieces), asked, solved_us, waits=stops)
+        every = differences_of(setup, Memory(pieces), asked, solved_us, waits=stops)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
         answers = [
@@ -252,7 +248,7 @@ def speeds_over(
             _require_exact("speeds", track)
         ends_us = np.array([track.times_us[[0, -1]] for track in known], np.int64).reshape(-1, 2)
     every = stage_of_speeds.speeds_of_tracks(
-        setup, AnyTime.of(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
+        setup, Memory(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
     )
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
@@ -341,7 +337,7 @@ def chances(
     setup, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene, reach)
     known = {int(_known(setup.scene, keys, numbers, [key])[0]): one for key, one in uncertain.items()}
     tail = sum(one.tail for one in known.values())
-    pairs, any_of = stage.chances_of(setup, AnyTime.of(pieces), numbers, known, tail)
+    pairs, any_of = stage.chances_of(setup, Memory(pieces), numbers, known, tail)
     least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
     return Chances(
         {(keys[a], keys[b]): bounds for (a, b), bounds in pairs.items()},
@@ -432,7 +428,7 @@ def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
 
 
 def _run(setup: Setup, occupied: Occupied) -> Iterator[tuple[Conflicts, Funnel]]:
-    return run_scene(setup, _InMemory(occupied.pieces, *occupied.batches, setup.scene.longest_time_us))
+    return run_scene(setup, Memory(occupied.pieces, occupied.batches))
 
 
 class Objects:
@@ -465,29 +461,6 @@ def _objects(
         from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else each("solve", "tracks", tracks, Track),
         from_frames.areas_of(areas, scene, zone) if in_frames[1] else each("solve", "areas", areas, Area),
     )
-
-
-class _InMemory:
-    """Pieces in memory as a source of pairs within a separation in time; objects are numbered as in their batches."""
-
-    def __init__(self, pieces: Pieces, areas: AreaBatch, tracks: TrackBatch, within_us: int = 0) -> None:
-        # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
-        # reported.
-        order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
-        self._pieces = pieces.take(order) if pieces.turn.any() else pieces
-        self._areas, self._tracks, self._within_us = areas, tracks, within_us
-
-    def candidates(self) -> Iterator[Chunk]:
-        a, b = candidates(self._pieces.meeting_within(self._within_us))
-        number = object_numbers(self._pieces)
-        for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
-            yield Chunk(self._pieces, PieceRows(a[rows]), PieceRows(b[rows]))
-
-    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        return self._areas.footprint[area_ids]
-
-    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
-        return self._tracks.take(track_ids)
 
 
 def each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:

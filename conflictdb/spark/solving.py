@@ -33,9 +33,9 @@ from conflictdb.model.plans import Scene
 from conflictdb.spark.cut_objects import NO_NUMBER, read_plan
 from conflictdb.spark.cut_objects import SCHEMA as PIECES
 from conflictdb.spark.work_units import Cells, two_blocks
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk
 
 # Limit on the bytes of rows built at a time, and on the pairs of rows found at a time.
 _MOST_BYTES: Final = 128_000_000
@@ -246,7 +246,7 @@ class _Group:
         order = np.lexsort((b, a))
         self._a, self._b = a[order], b[order]
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, _: Question) -> Iterator[Chunk]:
         number = object_numbers(self._pieces)
         for rows in chunks_of_objects(number[self._a], number[self._b], self._at_once):
             yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))

@@ -18,8 +18,8 @@ from scipy.special import ndtr, ndtri
 
 from conflictdb.arrays import Floats
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import Differences, Spans, differences_of
+from conflictdb.stages.near import Memory
 
 Bounds = tuple[float, float]
 # Bounds of pairs, by the numbers of a track and of an area or a later track, and of each track.
@@ -262,7 +262,7 @@ def _seconds(spans: Spans) -> tuple[Floats, Floats]:
 
 def chances_of(
     setup: Setup,
-    placed: AnyTime,
+    placed: Memory,
     numbers: NDArray[np.int64],
     known: Mapping[int, Uncertain],
     tail: float,

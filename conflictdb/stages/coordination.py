@@ -12,9 +12,9 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, differences
 from conflictdb.model.results import Kind
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.delays import shifts_of
+from conflictdb.stages.near import Memory, Question
 from conflictdb.stages.pieces.covers import is_covered
 
 # Contact at a single instant stays a single slice, however often its time is halved.
@@ -34,9 +34,9 @@ def contact_set(
     track : the number of the track (`object_numbers`)
     slices : the least number of parts of the time in contact; in each the contact set is bounded by its differences
     """
-    placed = AnyTime.of(pieces)
+    placed = Memory(pieces)
     mine = np.flatnonzero(placed.number == track)
-    a, b = placed.pairs_within(mine, horizon_us)
+    a, b = placed.rows(Question.shifted(mine, horizon_us))
     known = ~is_covered(pieces, a, b)
     a, b = PieceRows(a[known]), PieceRows(b[known])
     if not len(a):

@@ -22,9 +22,9 @@ from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
-from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
 from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.near import FOREVER_US, Memory, Question
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]
@@ -231,7 +231,7 @@ def _are_in(number: _Ints, at_us: _Ints, numbers: _Ints, all_us: _Ints) -> NDArr
 
 def differences_of(
     setup: Setup,
-    placed: AnyTime,
+    placed: Memory,
     tracks: _Ints,
     horizon_us: int,
     threads: int = 1,
@@ -251,7 +251,7 @@ def differences_of(
 
 def differences_with(
     setup: Setup,
-    placed: AnyTime,
+    placed: Memory,
     objects: _Ints,
     horizon_us: int,
     threads: int = 1,
@@ -275,7 +275,7 @@ def differences_with(
         )
     pieces, number = placed.pieces, placed.number
     reach_us = horizon_us + setup.scene.time_separation_us
-    a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), reach_us, is_once=True)
+    a, b = placed.rows(Question.shifted(np.flatnonzero(np.isin(number, objects)), reach_us))
     is_track = pieces.kind == Kind.TRACK.code
     kept = is_track[a] | is_track[b]
     if but is not None:
@@ -310,7 +310,7 @@ def differences_with(
 
 
 def waits_of(
-    setup: Setup, placed: AnyTime, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
+    setup: Setup, placed: Memory, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
 ) -> Differences:
     """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
 
@@ -331,8 +331,8 @@ def waits_of(
     stays: _End = "end" if arriving.size else "start"
     stands = arriving if arriving.size else leaving
     within_us = setup.scene.time_separation_us
-    planned = placed.pairs_within(before, within_us)
-    moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, stands))
+    planned = placed.rows(Question.shifted(before, within_us))
+    moving, waiting = (placed.rows(Question.shifted(rows, horizon_us + within_us)) for rows in (after, stands))
     a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
     prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
@@ -349,14 +349,15 @@ def waits_of(
     return replace(every, low=np.maximum(every.low, 0), inner_low=np.maximum(every.inner_low, -LAST_INSTANT))
 
 
-def of_covers(placed: AnyTime, tracks: _Ints, horizon_us: _Ints) -> Differences:
+def of_covers(placed: Memory, tracks: _Ints, horizon_us: _Ints) -> Differences:
     """Return what tracks meet, perhaps, that could not be cut into pieces: it forbids every change.
 
     tracks : (m,) their numbers, ascending
     horizon_us : (m,) how much earlier or later each may be
     """
     rows = np.flatnonzero(np.isin(placed.number, tracks) & (placed.pieces.part == COVER))
-    a, b = placed.pairs_within(rows, horizon_us[np.searchsorted(tracks, placed.number[rows])])
+    most_us = horizon_us[np.searchsorted(tracks, placed.number[rows])]
+    a, b = placed.rows(Question.shifted(rows, most_us, each_way=True))
     forever, nothing = np.full(len(a), 2 * FOREVER_US), np.zeros(len(a), np.int64)
     return Differences(placed.number[a], placed.number[b], -forever, forever, nothing + 1, nothing)
 

@@ -19,10 +19,10 @@ from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.climbs import overlap_at_one_time
+from conflictdb.stages.near import Memory, Question
 from conflictdb.stages.object_pairs import ordered_members
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.world import World, occupy
 
@@ -55,7 +55,7 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
     setup, pieces = world.setup, occupy(world, areas, tracks, is_lenient=True, warns=True).pieces
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     found: dict[tuple[str, str], DeepestContact] = {}
-    for settings, own, *pair in Separations.of(setup.scene).split(pieces, *candidates(pieces)):
+    for settings, own, *pair in Separations.of(setup.scene).split(pieces, *Memory(pieces).rows(Question())):
         if settings.time_separation_us:
             continue
         pairs = intersections(own, *pair, regions=False)

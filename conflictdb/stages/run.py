@@ -27,11 +27,11 @@ from conflictdb.stages.closest_approaches import with_closest_approaches
 from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.funnel import Funnel, Progress
 from conflictdb.stages.merge import merged_by_object
+from conflictdb.stages.near import PairSource, Question
 from conflictdb.stages.object_pairs import company_of
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.source import PairSource
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
 from conflictdb.stages.uses import (
@@ -66,7 +66,7 @@ def run_scene(
     """
     decided = 0
     separations = Separations.of(setup.scene)
-    chunks = source.candidates()
+    chunks = source.pairs(Question.of(setup.scene))
     while True:
         clock = time.perf_counter()
         chunk = next(chunks, None)

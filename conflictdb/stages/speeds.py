@@ -21,10 +21,10 @@ from conflictdb.kernel.differences import Shifts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
 from conflictdb.stages import delays
-from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.delays import Differences, Spans
 from conflictdb.stages.factors_within import factors_within
+from conflictdb.stages.near import Memory, Question
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]
@@ -39,7 +39,7 @@ _ROUNDED_US: Final = 1.0
 
 def speeds_of_tracks(
     setup: Setup,
-    placed: AnyTime,
+    placed: Memory,
     tracks: _Ints,
     begin_us: _Ints,
     end_us: _Ints,
@@ -71,10 +71,14 @@ def speeds_of_tracks(
     leg, zero_us = mine[is_leg], begin_us[of[is_leg]]
     earliest_us = zero_us + np.floor(least * (pieces.start_us[leg] - zero_us) - _ROUNDED_US).astype(np.int64)
     latest_us = zero_us + np.ceil(most * (pieces.end_us[leg] - zero_us) + _ROUNDED_US).astype(np.int64)
+    earlier_us, later_us = pieces.start_us[leg] - earliest_us, latest_us - pieces.end_us[leg]
     pairs = [
-        placed.pairs_within(mine[is_before], within_us),
-        placed.pairs(leg, earliest_us - within_us, latest_us + within_us),
-        placed.pairs_within(mine[is_after], horizon_us[of[is_after]] + within_us),
+        placed.rows(question)
+        for question in (
+            Question.shifted(mine[is_before], within_us, each_way=True),
+            Question(leg, earlier_us + within_us, later_us + within_us, each_way=True),
+            Question.shifted(mine[is_after], horizon_us[of[is_after]] + within_us, each_way=True),
+        )
     ]
     a, b = (np.concatenate(both) for both in zip(*pairs, strict=True))
     prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)

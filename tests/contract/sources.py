@@ -15,18 +15,18 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.db.sources import FewSource, SceneSource
+from conflictdb.db.sources import FewStored, Stored
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
+from conflictdb.stages import near
 from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
+from conflictdb.stages.near import Chunk, PairSource, Question
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.source import PairSource
 
 
-class InMemory(_InMemory):
+class InMemory(near.Memory):
     """The source of pairs of `solve`, with the plane of its scene; objects are numbered in their order in the batch."""
 
     plane: Plane
@@ -35,7 +35,7 @@ class InMemory(_InMemory):
     def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Self:
         scene = centred(scene, areas, tracks)
         batches, setup = (AreaBatch.of(areas), TrackBatch.of(tracks)), Setup.of(scene)
-        source = cls(pieces_of(setup, *batches), *batches, scene.time_separation_us)
+        source = cls(pieces_of(setup, *batches), batches)
         source.plane = setup.plane
         return source
 
@@ -50,6 +50,10 @@ class Opened:
     source: PairSource
     scene: Scene
     key: dict[tuple[int, int], str]
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield the pairs of a detection."""
+        return self.source.pairs(Question.of(self.scene))
 
 
 Open = Callable[[str, Scene, Sequence[Area], Sequence[Track]], AbstractContextManager[Opened]]
@@ -77,8 +81,7 @@ def in_the_database(
         key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
         key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
         settings = store.read_settings(conn, scene_id)
-        source = SceneSource(conn, scene_id, memory, within_us=settings.time_separation_us)
-        yield Opened(source, settings, key)
+        yield Opened(Stored(conn, scene_id, memory), settings, key)
         conn.rollback()
 
 
@@ -104,8 +107,7 @@ def few_changes(conn: psycopg.Connection[Any], scene: str, most_compared: int) -
     pieces = pieces_of(Setup.of(settings), areas, tracks)
     key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
     key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
-    within_us = settings.time_separation_us
-    source = FewSource(conn, begun.scene_id, DEFAULT_MEMORY, few.srid, pieces, most_compared, within_us)
+    source = FewStored(conn, begun.scene_id, DEFAULT_MEMORY, few.srid, pieces, most_compared)
     return Opened(source, settings, key)
 
 

@@ -1,4 +1,4 @@
-"""The contract of every source of pairs (`stages.source.PairSource`): the pairs of brute force, the same rows."""
+"""The contract of every source of pairs (`stages.near.PairSource`): the pairs of brute force, the same rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -106,7 +106,7 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
     surely = {frozenset((named[a], named[b])) for a, b in must[:, shared > ROUNDING_M].T}
     perhaps = {frozenset((named[a], named[b])) for a, b in may[:, apart <= ROUNDING_M].T}
     with open_source(dsn, *objects) as opened:
-        chunks = list(opened.source.candidates())
+        chunks = list(opened.chunks())
         count = sum(len(one.a) if one.candidate_pairs is None else one.candidate_pairs for one in chunks)
         assert must.shape[1] <= count <= may.shape[1]
         for pieces, *_ in chunks:
@@ -176,7 +176,7 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
 def test_footprints_are_those_of_the_areas_asked_for(dsn: str, open_source: Open) -> None:
     scene, areas, tracks = THROWN["seam"]
     with open_source(dsn, scene, areas, tracks) as opened:
-        next(opened.source.candidates())
+        next(opened.chunks())
         numbers = [number for kind, number in opened.key if kind == 0][::-1]
         found = opened.source.footprints(np.array(numbers))
         shape = {area.key: area.footprint for area in areas}

@@ -24,8 +24,8 @@ from conflictdb.earth.registry import Setup
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
@@ -78,9 +78,9 @@ def test_the_database_and_the_client_keep_the_same_pairs(conn: Conn, thrown: Cal
     for scene, areas, tracks in thrown():
         load(conn, scene, list(areas), list(tracks))
         conn.commit()
-        at_client = list(few_changes(conn, scene.name, NEVER).source.candidates())
+        at_client = list(few_changes(conn, scene.name, NEVER).chunks())
         conn.rollback()
-        (stored,) = few_changes(conn, scene.name, ALWAYS).source.candidates()
+        (stored,) = few_changes(conn, scene.name, ALWAYS).chunks()
         conn.rollback()
         expected = after_stage2(at_client)
         assert all(one.candidate_pairs is None for one in at_client)
@@ -98,7 +98,7 @@ def test_the_database_runs_it_up_to_so_many_pairs_of_pieces(conn: Conn) -> None:
     load(conn, Scene("s"), [], [across, along])
     conn.commit()
     for most, is_here in ((MOST_COMPARED, True), (1, False)):
-        (chunk,) = few_changes(conn, "s", most).source.candidates()
+        (chunk,) = few_changes(conn, "s", most).chunks()
         conn.rollback()
         assert (chunk.candidate_pairs is not None) == is_here
 
@@ -112,16 +112,17 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
         settings = store.read_settings(conn, scene_id)
-        within_us = settings.time_separation_us
         for plan in [*areas, *tracks]:
             is_area = isinstance(plan, Area)
             given = AreaBatch.of([plan] if is_area else []), TrackBatch.of([] if is_area else [plan])
             pieces = pieces_of(Setup.of(settings), *given)
-            pair_of = (
-                list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most, within_us).candidates())
-                for most in (ALWAYS, NEVER)
+            stored, at_client = (
+                list(source.pairs(Question.of(settings)))
+                for source in (
+                    _PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most)
+                    for most in (ALWAYS, NEVER)
+                )
             )
-            stored, at_client = pair_of
             assert after_stage2(stored) == after_stage2(at_client), (scene.name, plan.key)
             assert sum(len(one.a) for one in stored) == len(after_stage2(stored))
             left += len(after_stage2(stored))

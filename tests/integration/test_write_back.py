@@ -26,9 +26,9 @@ from conflictdb.formats import read
 from conflictdb.formats.computed import STATES, read_computed, settings_text
 from conflictdb.model.plans import Scene
 from conflictdb.spark import cut_objects as pieces
+from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
 
 
@@ -38,7 +38,7 @@ class Elsewhere:
     def __init__(self, pieces: Pieces, footprint: dict[int, Any]) -> None:
         self._pieces, self._footprint = pieces, footprint
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, _: Question) -> Iterator[Chunk]:
         a, b = candidates(self._pieces)
         a, b = np.minimum(a, b), np.maximum(a, b)  # in the order of their keys, as everywhere
         order = np.lexsort((b, a))

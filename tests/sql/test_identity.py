@@ -10,7 +10,7 @@ from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.db.sources import SceneSource
+from conflictdb.db.sources import Stored
 from conflictdb.db.store import write_rows
 from conflictdb.earth.registry import Setup
 from conflictdb.stages.run import run_scene
@@ -156,7 +156,7 @@ def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[st
     settings = store.read_settings(conn, scene_id)
     run = store.RunRecord("exact", {}, datetime(2026, 1, 1, tzinfo=UTC))
     staged = store.begin_write(conn, scene_id, run)
-    ((found, _),) = run_scene(Setup.of(settings), SceneSource(conn, scene_id))
+    ((found, _),) = run_scene(Setup.of(settings), Stored(conn, scene_id))
     assert len(found) == 1
     stage(conn, staged, found)
     store.end_write(conn, staged, run)

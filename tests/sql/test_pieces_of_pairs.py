@@ -13,8 +13,9 @@ from workloads import LOW_LATITUDE, SEAM, Workload, throw
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.db.sources import SceneSource
+from conflictdb.db.sources import Stored
 from conflictdb.model.plans import Area, EarthModel, Scene
+from conflictdb.stages.near import Question
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
 from conflictdb.stages.stage2_intersection import intersections
 
@@ -24,7 +25,7 @@ PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
 
 def intersecting(conn: Conn, scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
     store.begin_snapshot(conn)
-    ((pieces, a, b, *_),) = SceneSource(conn, scene_id).candidates()
+    ((pieces, a, b, *_),) = Stored(conn, scene_id).pairs(Question())
     return pieces, intersections(pieces, a, b, regions=regions)
 
 
@@ -135,4 +136,4 @@ def test_nothing_meets_nothing(conn: Conn) -> None:
     scene_id = load(conn, PLAIN, [], [])
     refresh(conn, scene_id)
     store.begin_snapshot(conn)
-    assert not list(SceneSource(conn, scene_id).candidates())
+    assert not list(Stored(conn, scene_id).pairs(Question()))

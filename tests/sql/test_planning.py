@@ -22,9 +22,10 @@ from conflictdb.db import store
 from conflictdb.db.admission import admit
 from conflictdb.db.detect import detect
 from conflictdb.db.probes import probe
-from conflictdb.db.sources import SceneSource
+from conflictdb.db.sources import Stored
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.rules import Rule
+from conflictdb.stages.near import Question
 
 Conn = psycopg.Connection[Any]
 
@@ -146,7 +147,7 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
         store.replace_scene(conn, Scene("second"), areas, [], merge=False)
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
-        for _ in SceneSource(conn, scene_id).candidates():
+        for _ in Stored(conn, scene_id).pairs(Question()):
             pass
         write_run(conn, scene_id, store.RunRecord("nlp", {}, datetime.now(UTC)), neighbours(conn))
         conn.commit()

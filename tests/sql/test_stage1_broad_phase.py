@@ -10,11 +10,12 @@ from piecework import Stored, expected_pairs, load, refresh, stored_pieces
 from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb.arrays.words import numbers_of_words
-from conflictdb.db import store
-from conflictdb.db.sources import SceneSource, joined
+from conflictdb.db import sources, store
+from conflictdb.db.sources import joined
 from conflictdb.errors import StoreError
 from conflictdb.model.plans import Area, EarthModel
 from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.near import Question
 
 Conn = psycopg.Connection[Any]
 
@@ -104,7 +105,7 @@ def pairs_of_source(conn: Conn, scene_id: int, boxes: int) -> set[frozenset[tupl
     """The pairs of pieces of a detection, by kind, object, part and turn; the client joins at most `boxes` boxes."""
     store.begin_snapshot(conn)
     found = set()
-    for pieces, a, b, *_ in SceneSource(conn, scene_id, replace(DEFAULT_MEMORY, boxes=boxes)).candidates():
+    for pieces, a, b, *_ in sources.Stored(conn, scene_id, replace(DEFAULT_MEMORY, boxes=boxes)).pairs(Question()):
         columns = (pieces.kind, pieces.object_id, pieces.part, pieces.turn)
         names = list(zip(*(column.tolist() for column in columns), strict=True))
         pairs = [frozenset((names[i], names[j])) for i, j in zip(a.tolist(), b.tolist(), strict=True)]

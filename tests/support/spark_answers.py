@@ -39,11 +39,11 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import EngineMissing
-from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.server.options import Settings
 from conflictdb.spark import engine, work_units
+from conflictdb.stages.near import Memory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
@@ -81,7 +81,7 @@ def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[
     scene = centred(scene, areas, tracks)
     areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
     batches = AreaBatch.of(areas), TrackBatch.of(tracks)
-    source = _InMemory(pieces_of(Setup.of(scene), *batches), *batches, scene.time_separation_us)
+    source = Memory(pieces_of(Setup.of(scene), *batches), batches)
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     parts = []
     for found, _ in run_scene(Setup.of(scene), source):

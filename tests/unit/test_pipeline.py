@@ -19,9 +19,9 @@ from conflictdb.kernel.library import SHARE
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.stages.funnel import Funnel
+from conflictdb.stages.near import Chunk, PairSource, Question
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
-from conflictdb.stages.source import Chunk, PairSource
 from conflictdb.stages.stage1_broad_phase import candidates
 
 SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
@@ -36,7 +36,7 @@ class Chunked:
     footprint: NDArray[np.object_]
     chunks: int
 
-    def candidates(self) -> Iterator[Chunk]:
+    def pairs(self, _: Question) -> Iterator[Chunk]:
         a, b = candidates(self.pieces)
         objects = self.pieces.object_id[a] + self.pieces.object_id[b]
         for chunk in range(self.chunks):
@@ -101,8 +101,8 @@ def test_progress_of_a_chunk_extrapolates_to_all_pairs_from_its_share(share: flo
     """An unknown share gives no estimate of the end."""
 
     class Part:
-        def candidates(self) -> Iterator[Chunk]:
-            for chunk in source(1).candidates():
+        def pairs(self, question: Question) -> Iterator[Chunk]:
+            for chunk in source(1).pairs(question):
                 yield chunk._replace(share=share)
 
         def footprints(self, area_ids: Any) -> Any:

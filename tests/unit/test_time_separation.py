@@ -31,11 +31,11 @@ from conflictdb import (
 from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.rules import Rule
 from conflictdb.stages import run
 from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ends_of
+from conflictdb.stages.near import Memory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
 from conflictdb.stages.run import run_scene
@@ -533,7 +533,7 @@ def test_a_pair_that_fails_leaves_the_answers_of_the_others(monkeypatch: pytest.
 def regions_of(scene: Scene, tracks: list[Track], areas: list[Area]) -> list[tuple[shapely.Geometry, np.ndarray]]:
     """The region and the first contact of each conflict."""
     setup, batches = Setup.of(centred(scene, areas, tracks)), (AreaBatch.of(areas), TrackBatch.of(tracks))
-    source = _InMemory(pieces_of(setup, *batches), *batches, scene.time_separation_us)
+    source = Memory(pieces_of(setup, *batches), batches)
     found = []
     for conflicts, _ in run_scene(setup, source):
         regions = conflicts.where(np.arange(len(conflicts))).geometries()

@@ -1,0 +1,197 @@
+"""Which pairs of pieces may meet: one question (`Question`), put to a source of pairs (`PairSource`).
+
+`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`db.sources`).
+"""
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Final, NamedTuple, Protocol, Self
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.model.plans import Scene
+from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.separations import Separations
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+
+_Ints = NDArray[np.int64]
+
+# In place of infinity: beyond all differences of instants.
+FOREVER_US: Final = 2**61
+# Pieces of tracks whose candidates are looked up at once: their pairs fit into memory.
+_AT_ONCE: Final = 20_000
+_NO_OBJECTS: Final = AreaBatch.of([]), TrackBatch.of([])
+
+
+class Question(NamedTuple):
+    """Which pairs of pieces are asked for; by default all that share time, heights and place.
+
+    mine : (m,) one of these is in each pair; None: any two
+    earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
+    each_way : also the mirror images of pairs of which both are mine
+    any_height : pairs need not share heights
+    within_m : pairs come this near, metres, beyond the separation that their hulls are padded for
+    """
+
+    mine: _Ints | None = None
+    earlier_us: int | _Ints = 0
+    later_us: int | _Ints = 0
+    each_way: bool = False
+    any_height: bool = False
+    within_m: float = 0.0
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self:
+        """Return the question of a detection: within the largest separation in time."""
+        return cls(earlier_us=scene.longest_time_us, later_us=scene.longest_time_us)
+
+    @classmethod
+    def shifted(cls, mine: _Ints, most_us: int | _Ints, *, each_way: bool = False) -> Self:
+        """Return that of pieces that are up to `most_us` earlier or later, one or (m,)."""
+        return cls(mine, most_us, most_us, each_way)
+
+    @property
+    def within_us(self) -> int:
+        """How far apart in time two pieces may be; of a question about any two."""
+        return int(np.maximum(self.earlier_us, self.later_us))
+
+
+class Chunk(NamedTuple):
+    """Pieces, and pairs of them (a, b), as stage 1 leaves them.
+
+    candidate_pairs : number of pairs that stage 1 left, if the source has run stage 2 since (a, b may still contain
+        pairs whose hulls are at most a micrometre apart); None: count a, b
+    stage2_s : seconds of the source's stage 2
+    share : about which share of all pairs is found with this chunk; None: unknown
+    """
+
+    pieces: Pieces
+    a: PieceRows
+    b: PieceRows
+    candidate_pairs: int | None = None
+    stage2_s: float = 0.0
+    share: float | None = 1.0
+
+
+class PairSource(Protocol):
+    """Stage 1 of a scene whose pieces exist: in a database, in memory or elsewhere."""
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Yield the pairs of pieces (a, b) that a question asks for, in chunks of pieces and pairs.
+
+        All pairs of the same two objects are in one chunk, because they become one row. Otherwise chunks are of any
+        size that fits the memory. Only answers stay in memory after a chunk.
+        """
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Return the footprints (n,) of whole areas, shapely geometries in degrees; empty if an area was removed.
+
+        Called while a chunk is solved.
+        """
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Return tracks with tolerances by id, in any order, without those that were removed.
+
+        Called while a chunk is solved.
+        """
+
+
+class Memory:
+    """All pieces (n,) of a scene, whose objects are numbered as in their batches.
+
+    only : only pairs with these settings, of these separations, are returned; None: all pairs
+    """
+
+    def __init__(
+        self,
+        pieces: Pieces,
+        batches: tuple[AreaBatch, TrackBatch] = _NO_OBJECTS,
+        only: tuple[Separations, Scene] | None = None,
+    ) -> None:
+        self.pieces, self._batches, self._only = pieces, batches, only
+
+    @cached_property
+    def number(self) -> _Ints:
+        """The objects of pieces (n,), by number (`object_numbers`)."""
+        return object_numbers(self.pieces)
+
+    @cached_property
+    def _hulls(self) -> NDArray[np.object_]:
+        return hulls_of(self.pieces)
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(self._hulls)
+
+    @cached_property
+    def _spans_us(self) -> tuple[_Ints, _Ints]:
+        """The spans of pieces, finite: unbounded ones, too, fit into 64 bits when they are subtracted."""
+        return np.maximum(self.pieces.start_us, -FOREVER_US), np.minimum(self.pieces.end_us, FOREVER_US)
+
+    def parts(self, scene: Scene) -> "list[tuple[Scene, Memory]]":
+        """Return the settings of a scene's pairs, and these pieces for the pairs that have them."""
+        if self._only is not None or not (scene.rules or self.pieces.owner_number.any()):
+            return [(scene, self)]
+        separations, parts = Separations.of(scene), []
+        for one in separations.settings:
+            part = Memory(separations.of_settings(one, self.pieces), self._batches, (separations, one))
+            # Places, times and objects are the same.
+            part.number, part._hulls, part._tree, part._spans_us = self.number, self._hulls, self._tree, self._spans_us
+            parts.append((one, part))
+        return parts
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Implement `PairSource`."""
+        pieces = self.pieces
+        if question.mine is None and pieces.turn.any():
+            # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
+            # reported.
+            pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, self.number)))
+            a, b = candidates(pieces.meeting_within(question.within_us))
+        else:
+            a, b = self.rows(question)
+        number = object_numbers(pieces)
+        for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
+            yield Chunk(pieces, PieceRows(a[rows]), PieceRows(b[rows]))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        return self._batches[0].footprint[area_ids]
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        return self._batches[1].take(track_ids)
+
+    def rows(self, question: Question) -> tuple[PieceRows, PieceRows]:
+        """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps."""
+        if question.mine is None:
+            return candidates(self.pieces.meeting_within(question.within_us))
+        pieces, number, mine = self.pieces, self.number, question.mine
+        start_us, end_us = self._spans_us
+        earliest_us, latest_us = start_us[mine] - question.earlier_us, end_us[mine] + question.later_us
+        is_mine = np.zeros(len(pieces), np.bool_)
+        is_mine[mine] = not question.each_way
+        nothing = np.empty(0, np.int64)
+        found = [(nothing, nothing)]
+        for first in range(0, len(mine), _AT_ONCE):
+            rows = mine[first : first + _AT_ONCE]
+            row, b = self._tree.query(self._hulls[rows])
+            a, row = rows[row], first + row
+            keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
+            keep &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
+            keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
+            keep &= (start_us[b] <= latest_us[row]) & (end_us[b] >= earliest_us[row])
+            a, b = PieceRows(a[keep]), PieceRows(b[keep])
+            if self._only is not None:
+                few = self._only[0].have(self._only[1], pieces, a, b)
+                a, b = PieceRows(a[few]), PieceRows(b[few])
+            met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
+            found.append((a[met], b[met]))
+        a, b = (np.concatenate(some) for some in zip(*found, strict=True))
+        return PieceRows(a), PieceRows(b)
