@@ -213,6 +213,23 @@ def joined_track(
     return {"type": TRACK_TYPE, "coordinates": positions.tolist(), **rest}, members
 
 
+def with_nested_times(properties: dict[str, Any]) -> dict[str, Any]:
+    """Return the properties of a line with the times that toGeoJSON nests: `coordTimes`, `coordinateProperties.times`.
+
+    Its `time`, that of the first position, is left out.
+    """
+    nested = properties.get("coordinateProperties")
+    times = properties.get("coordTimes") or (nested.get("times") if isinstance(nested, dict) else None)
+    if not isinstance(times, list) or any(properties.get(name) is not None for name in (*TIMES, *SPEED)):
+        return properties
+    rest = {name: one for name, one in properties.items() if name not in ("coordTimes", "coordinateProperties")}
+    first = times[0][0] if times and isinstance(times[0], list) and times[0] else next(iter(times), None)
+    if rest.get("time") == first:
+        del rest["time"]
+    others = {name: one for name, one in nested.items() if name != "times"} if isinstance(nested, dict) else {}
+    return {**rest, **({"coordinateProperties": others} if others else {}), "times": times}
+
+
 def track(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Track | TrackAtSpeed:
     """Return the track of a feature; raises InvalidInput with all errors.
 

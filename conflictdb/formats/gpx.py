@@ -2,7 +2,8 @@
 
 Each segment of a track becomes a track, from its usable points. A route becomes a track if it has a planned departure:
 `planned_departure` and `planned_speed` (knots) among its extensions, `etd` and `planned_speed` at its points, all as
-OpenCPN writes them, a time at each point, or the departure and speed of the hints. Its legs are rhumb lines.
+OpenCPN writes them, the times of Garmin's trips, a time at each point, or the departure and speed of the hints. Its
+legs are rhumb lines.
 """
 
 from collections import Counter, defaultdict
@@ -18,14 +19,15 @@ from conflictdb.formats.hints import departure
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.routes import Route, Waypoint
 from conflictdb.formats.standards import Standard
-from conflictdb.formats.values_of_xml import number_of, time_of
+from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
 
 STANDARD: Final = Standard(
     "GPX",
     read={
         "time": "times of a track; of a route if all its points have one",
-        "planned_departure etd": "departure",
+        "planned_departure etd DepartureTime": "departures",
+        "ArrivalTime StopDuration": "arrivals and stays (Garmin)",
         "planned_speed": "speeds of legs",
     },
     unread={
@@ -39,6 +41,7 @@ STANDARD: Final = Standard(
         "metadata": "when the file was made",
         "wpt": "waypoints, left out by number",
         "start end": "names of places",
+        "time_display scale_min_max": "drawing (OpenCPN)",
         "style line": "drawing",
     },
 )
@@ -156,13 +159,18 @@ def _departure(route: Element) -> str | None:
     """Return the planned departure of a route, of its first point, None if neither has one."""
     first = route.child("rtept")
     own = route.value("extensions", "planned_departure")
-    return own or (None if first is None else _extended(first, "etd"))
+    return own or (None if first is None else _extended(first, "etd") or _of_trip(first, "DepartureTime"))
 
 
 def _extended(point: Element, name: str) -> str | None:
     """Return an extension of a route point: an element, or an attribute of `rte_properties`, as OpenCPN writes it."""
     properties = point.child("extensions", "rte_properties")
     return point.value("extensions", name) or (None if properties is None else properties.get(name))
+
+
+def _of_trip(point: Element, name: str) -> str | None:
+    """Return a time of a route point as Garmin's trip planner writes it."""
+    return point.value("extensions", "ViaPoint", name)
 
 
 def _has_times(root: Element, route: Element) -> bool:
@@ -198,8 +206,12 @@ def _planned(root: Element, key: str, route: Element) -> Route:
         own = _extended(point, "planned_speed")
         own_kn = 0.0 if own is None else number_of(who, f"{where}, planned_speed", own)
         lon, lat = _place(f"{who}, {where}", point)
-        etd = _utc(who, f"{where}, etd", _extended(point, "etd"))
-        points.append(Waypoint(where, lon, lat, speed_kn=own_kn if own_kn > 0.0 else speed_kn, departure_us=etd))
+        etd = _utc(who, f"{where}, etd", _extended(point, "etd") or _of_trip(point, "DepartureTime"))
+        waypoint = Waypoint(where, lon, lat, speed_kn=own_kn if own_kn > 0.0 else speed_kn, departure_us=etd)
+        waypoint.arrival_us = _utc(who, f"{where}, ArrivalTime", _of_trip(point, "ArrivalTime"))
+        if (stay := _of_trip(point, "StopDuration")) is not None:
+            waypoint.stay_us = duration_us(who, f"{where}, StopDuration", stay)
+        points.append(waypoint)
     if _has_times(root, route):
         times_us = [_utc(who, f"point {i}, time", one.value("time")) for i, one in enumerate(route.each("rtept"), 1)]
         _check_rising(who, times_us)

@@ -62,9 +62,10 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
 
 def parse_end(text: str, *, naive_is_utc: bool = False) -> int:
     """Return an end of a span as `parse_instant`; a date without a time is the whole day, which ends at midnight."""
-    if _DATE.fullmatch(text):
-        text += "T24:00" if "-" in text else "T2400"
-    return parse_instant(text, naive_is_utc=naive_is_utc)
+    if _DATE.fullmatch(text) is None:
+        return parse_instant(text, naive_is_utc=naive_is_utc)
+    parse_instant(text, naive_is_utc=naive_is_utc)  # its refusal says the date as it is given
+    return parse_instant(text + ("T24:00" if "-" in text else "T2400"), naive_is_utc=naive_is_utc)
 
 
 def parse_plain(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

@@ -113,7 +113,7 @@ def read_positions(
     reader = _Reader(text)
     reader.refusals.raise_found()
     if max_speed_kn is None:
-        max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
+        max_speed_kn = AIS_MAX_SPEED_KN if reader.has_mmsi else MAX_SPEED_KN
     fixes = reader.fixes(max_objects)
     reader.refusals.raise_found()
     tracks, skipped, notes = tracks_of(source, fixes.items(), reader.size_columns, max_speed_kn, reader.left_out)
@@ -195,6 +195,11 @@ class _Reader:
     def is_ais(self, column: str) -> bool:
         """Return whether a column has another name than the package's own."""
         return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
+
+    @property
+    def has_mmsi(self) -> bool:
+        """Whether objects are ships of AIS."""
+        return "id" in self.at and self.header[self.at["id"]].lower() == "mmsi"
 
     def fixes(self, max_objects: int) -> dict[str, Fixes]:
         """Return the usable rows by object, in order of first appearance."""
@@ -342,6 +347,8 @@ def _instant_us(text: str, naive_is_utc: bool) -> int:
     """Return an instant, ISO 8601, day/month/year or seconds since 1970, in microseconds; raises ValueError."""
     if "/" in text and (match := _DAY_FIRST.fullmatch(text)):
         text = f"{match[3]}-{match[2]}-{match[1]}T{match[4]}"
+    if text.endswith((" UTC", " utc")):
+        text = f"{text[:-4]}Z"
     if not _NUMBER.fullmatch(text):
         return parse_instant(text, naive_is_utc=naive_is_utc)
     seconds = Decimal(text)

@@ -292,6 +292,8 @@ def _plain(
 ) -> Area | Track | TrackAtSpeed:
     """Return the object of a feature with a geometry of plain GeoJSON."""
     kind = geometry_type(f"feature {key!r}", geometry)
+    if setting.row_ids and kind in (TRACK_TYPE, CUT_TRACK_TYPE):
+        properties = file_objects.with_nested_times(properties)
     if kind == CUT_TRACK_TYPE:
         geometry, properties = file_objects.joined_track(f"track {key!r}", geometry, properties)
         kind = TRACK_TYPE

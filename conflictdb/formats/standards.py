@@ -33,7 +33,7 @@ class Quantity(StrEnum):
 _OF_WORDS: Final = {
     Quantity.TIME: "time times date dates datetime datetimes timestamp from since until till valid validity start "
     "begin end expiry expires expiration active activation effective eta etd ata atd when stay duration period periods "
-    "hour hours day days schedule interval departure arrival",
+    "hour hours day days schedule interval",
     Quantity.SPEED: "speed speeds velocity sog stw knots kn kt kts mps",
     Quantity.HEIGHT: "height heights altitude altitudes alt elevation elev ele floor ceiling depth draught draft ukc "
     "masthead airdraft lower upper agl amsl msl level",
@@ -42,6 +42,11 @@ _OF_WORDS: Final = {
 }
 # The first quantity that a word of a name has: a maximum speed is a speed.
 _BY_WORD: Final = {word: one for one, words in reversed(_OF_WORDS.items()) for word in words.split()}
+# Ends of words, as in baroaltitude.
+_ENDS: Final = (
+    *("altitude", "height", "depth", "draught", "draft", "speed", "velocity"),
+    *("length", "width", "radius", "timestamp", "datetime", "duration"),
+)
 # Words of names that say when data were made, not when an object is active.
 MADE: Final = re.compile("creat|updat|modif|publi|issue|edit|version", re.IGNORECASE)
 
@@ -49,7 +54,9 @@ MADE: Final = re.compile("creat|updat|modif|publi|issue|edit|version", re.IGNORE
 @lru_cache(maxsize=4096)
 def quantity_of(name: str) -> Quantity | None:
     """Return what a name looks like, None if it looks like none of these."""
-    found = [_BY_WORD[one] for word in _WORDS.findall(name[:_LONGEST]) if (one := word.lower()) in _BY_WORD]
+    words = [word.lower() for word in _WORDS.findall(name[:_LONGEST])]
+    words += [end for word in words for end in _ENDS if word.endswith(end)]
+    found = [_BY_WORD[word] for word in words if word in _BY_WORD]
     return min(found, key=list(Quantity).index, default=None)
 
 
@@ -124,7 +131,7 @@ class Standard:
             elif isinstance(value, dict):
                 for name, one in value.items():
                     kind = self.kind(name, outer)
-                    if one is None or kind == "aside":
+                    if one in (None, "") or kind == "aside":
                         continue
                     is_leaf = not isinstance(one, dict) and not _has_objects(one)
                     if kind == "unread" or (is_leaf and self.is_unread(name, outer)):

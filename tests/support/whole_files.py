@@ -130,6 +130,9 @@ GPX = (
     + POINT.format("rtept", 57, 9, T[0], '<waypoint_range_rings number="1"/>')
     + POINT.format("rtept", 57.1, 9.1, T[1], f'<rte_properties arrival_radius="0.1" etd="{T[2]}"/>')
     + POINT.format("rtept", 57.2, 9.3, T[2], "")
+    + "</rte><rte><name>G</name>"
+    + POINT.format("rtept", 57, 9, T[0], f"<ViaPoint><DepartureTime>{T[0]}</DepartureTime></ViaPoint>")
+    + POINT.format("rtept", 57.1, 9.1, T[1], f"<ViaPoint><ArrivalTime>{T[1]}</ArrivalTime></ViaPoint>")
     + "</rte><trk><name>T</name><trkseg>"
     + POINT.format("trkpt", 57, 9, T[0], "")
     + POINT.format("trkpt", 57.1, 9.1, T[1], "")
