@@ -285,7 +285,9 @@ BEGIN
             FOR v_number IN SELECT n FROM jsonb_array_elements(
                 CASE jsonb_typeof(v_one.value) WHEN 'array' THEN v_one.value ELSE jsonb_build_array(v_one.value) END
             ) n LOOP
-                IF (jsonb_typeof(v_number) = 'number' AND v_number::numeric BETWEEN 0 AND v_most
+                -- As numeric: not every number of JSON is a double.
+                IF (jsonb_typeof(v_number) = 'number' AND v_number::numeric BETWEEN 0 AND v_most::numeric
+                    AND NOT (v_number::numeric > 0 AND v_number::numeric < 1e-300)
                     AND NOT (v_one.key = 'max_speed_kn' AND v_number::numeric = 0)) IS NOT TRUE THEN
                     FOUND := _raise('ZC007', p_who, v_one.key,
                                     format('must be a number from 0 to %s; got %s', v_most, left(v_number::text, 60)),
@@ -741,7 +743,7 @@ BEGIN
                         'departures_listed');
     END IF;
     SELECT min(d.n) INTO v_wrong FROM unnest(p_departures) WITH ORDINALITY d (at, n)
-        WHERE (d.at >= '0001-01-01 00:00+00' AND d.at + v_lasts < '10000-01-01 00:00+00') IS NOT TRUE;
+        WHERE (d.at >= '0001-01-01 00:00+00' AND d.at < timestamptz '10000-01-01 00:00+00' - v_lasts) IS NOT TRUE;
     IF v_wrong IS NOT NULL THEN
         FOUND := _raise('ZC003', p_who, format('departures[%s]', v_wrong), 'must have a voyage in the years 1 to 9999',
                         'departures_in_calendar');

@@ -209,7 +209,7 @@ RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_pause_s CONSTANT double precision := 0.1;
-    v_until timestamptz := clock_timestamp() + p_timeout;
+    v_until timestamptz := _end_of_wait(p_timeout);
     v_who text := format('scene %L', p_scene);
 BEGIN
     -- Each turn sees what other sessions have committed, including removal of the scene.

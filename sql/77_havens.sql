@@ -142,14 +142,14 @@ DECLARE
     c_who CONSTANT text := 'havens';
     v_instants timestamptz[];
 BEGIN
-    IF p_from IS NULL OR p_to IS NULL OR NOT (isfinite(p_from) AND isfinite(p_to)) OR p_to < p_from THEN
+    IF (p_from >= '0001-01-01 00:00+00' AND p_to < '10000-01-01 00:00+00' AND p_from <= p_to) IS NOT TRUE THEN
         FOUND := _raise('ZC003', c_who, 'p_from, p_to',
-                        format('must be two instants in order; got %s to %s', coalesce(p_from::text, 'null'),
+                        format('must be two instants in order, in the years 1 to 9999; got %s to %s', coalesce(p_from::text, 'null'),
                                coalesce(p_to::text, 'null')), 'havens_span');
     END IF;
-    IF (p_step > interval '0') IS NOT TRUE THEN
+    IF (p_step > interval '0' AND p_step <= interval '10000 years') IS NOT TRUE THEN
         FOUND := _raise('ZC003', c_who, 'p_step',
-                        format('must be positive; got %s', coalesce(p_step::text, 'null')),
+                        format('must be positive, and at most 10000 years; got %s', coalesce(p_step::text, 'null')),
                         'havens_step_positive');
     END IF;
     -- In the SELECT list, where LIMIT stops the series; in FROM all rows would be computed first.

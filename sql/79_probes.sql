@@ -331,10 +331,14 @@ COMMENT ON FUNCTION _plans_given(jsonb) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_options(p_kind text, p_options jsonb) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
+    c_who CONSTANT text := 'what is asked about';
+    -- Microseconds of the years 1 to 9999.
+    c_first_us CONSTANT numeric := -62135596800000000;
+    c_last_us CONSTANT numeric := 253402300799999999;
     v_member text;
 BEGIN
     IF jsonb_typeof(p_options) IS DISTINCT FROM 'object' THEN
-        FOUND := _raise('ZC016', 'what is asked about', 'options', 'must be a JSON object', 'options_object');
+        FOUND := _raise('ZC016', c_who, 'options', 'must be a JSON object', 'options_object');
     END IF;
     SELECT e.key INTO v_member FROM jsonb_each(p_options) e
         LEFT JOIN (VALUES ('delays', 'key', 'string'), ('delays', 'horizon_s', 'number'),
@@ -346,13 +350,22 @@ BEGIN
                      jsonb_path_exists(e.value, 'strict $[*] ? (@.type() <> "string")') ELSE false END
         LIMIT 1;
     IF FOUND THEN
-        FOUND := _raise('ZC016', 'what is asked about', v_member,
-                        format('is no option of %s, or not of its type', p_kind), 'options_known');
+        FOUND := _raise('ZC016', c_who, v_member, format('is no option of %s, or not of its type', p_kind),
+                        'options_known');
+    END IF;
+    IF (p_options ->> 'horizon_s')::numeric NOT BETWEEN 0 AND _longest_horizon_s() THEN
+        FOUND := _raise('ZC003', c_who, 'horizon_s', format('must be a number from 0 to %s; got %s',
+                        _longest_horizon_s(), left(p_options ->> 'horizon_s', 60)), 'horizon_finite');
+    END IF;
+    IF (p_options ->> 'now_us')::numeric NOT BETWEEN c_first_us AND c_last_us
+       OR (p_options ->> 'now_us')::numeric % 1 <> 0 THEN
+        FOUND := _raise('ZC003', c_who, 'now_us', format('must be whole microseconds since 1970, in the years 1 to '
+                        '9999; got %s', left(p_options ->> 'now_us', 60)), 'now_finite');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_options(text, jsonb) IS
-'Raises ZC016 for options that a request of that kind does not have.';
+'Raises ZC016 for options that a request of that kind does not have, ZC003 for numbers out of their range.';
 
 -- Readers may insert requests directly, so every row is checked.
 
@@ -390,7 +403,7 @@ BEGIN
     IF NEW.kind = 'delays' THEN
         NEW.plans := NULL;
         PERFORM _check_delays_request(NEW.scene_id, NEW.options ->> 'key',
-                                      make_interval(secs => (NEW.options ->> 'horizon_s')::double precision),
+                                      make_interval(secs => round((NEW.options ->> 'horizon_s')::numeric, 6)::double precision),
                                       _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
     ELSE
         IF octet_length(NEW.plans::text) > c_most_bytes THEN
@@ -542,13 +555,21 @@ COMMENT ON FUNCTION request_plans_probe(text, jsonb) IS
 'GeoJSON features as in scene files, each with "version": 1, or a FeatureCollection of them. Plans replace the objects '
 'of the same keys together. Returns an id for wait_for_plans_probe, to be called after commit.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_of_wait(p_timeout interval) RETURNS timestamptz
+LANGUAGE sql VOLATILE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Longer ones would be no instant.
+    SELECT CASE WHEN p_timeout < interval '1000 years' THEN clock_timestamp() + greatest(p_timeout, '0') END;
+END;
+COMMENT ON FUNCTION _end_of_wait(interval) IS 'When a wait of some time ends; null: never.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._await_answer(
     p_probe_id bigint, p_timeout interval, p_kind text
 ) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_pause_s CONSTANT double precision := 0.02;
-    v_until timestamptz := clock_timestamp() + p_timeout;
+    v_until timestamptz := _end_of_wait(p_timeout);
     v_who text := format('probe %s', coalesce(p_probe_id::text, 'null'));
     v_request record;
 BEGIN

@@ -1,21 +1,28 @@
 -- Departures of a track that are in conflict: requests to workers, and the differences that a detection has stored
 -- (62_differences.sql), from which stages.delays answers.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._longest_horizon_s() RETURNS integer
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- 115 days: longer than a plan of this kind, and short enough for a worker.
+    SELECT 10000000;
+END;
+COMMENT ON FUNCTION _longest_horizon_s() IS 'How much later or earlier a question about departures looks, seconds.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_delays_request(
     p_scene_id bigint, p_key text, p_horizon interval, p_now timestamptz
 ) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- 115 days: longer than a plan of this kind, and short enough for a worker.
-    c_longest_s CONSTANT double precision := 1e7;
     v_who text := format('track %s', quote_nullable(p_key));
 BEGIN
-    IF extract(epoch FROM p_horizon) BETWEEN 0 AND c_longest_s IS NOT TRUE THEN
-        FOUND := _raise('ZC003', v_who, 'horizon', format('must be an interval from 0 to %s s; got %s', c_longest_s,
-                        coalesce(p_horizon::text, 'null')), 'horizon_finite');
+    IF extract(epoch FROM p_horizon) BETWEEN 0 AND _longest_horizon_s() IS NOT TRUE THEN
+        FOUND := _raise('ZC003', v_who, 'horizon', format('must be an interval from 0 to %s s; got %s',
+                        _longest_horizon_s(), coalesce(p_horizon::text, 'null')), 'horizon_finite');
     END IF;
-    IF NOT isfinite(p_now) THEN
-        FOUND := _raise('ZC003', v_who, 'now', format('must be an instant, or null; got %s', p_now), 'now_finite');
+    IF NOT (p_now >= '0001-01-01 00:00+00' AND p_now < '10000-01-01 00:00+00') THEN
+        FOUND := _raise('ZC003', v_who, 'now', format('must be an instant in the years 1 to 9999, or null; got %s',
+                        p_now), 'now_finite');
     END IF;
     IF NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) THEN
         FOUND := _raise('ZC011', v_who, 'key', format('is not a track of scene %L', (
@@ -24,7 +31,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_delays_request(bigint, text, interval, timestamptz) IS
-'Raises an error (class ZC) for an unknown track, a horizon that is negative or too long, or an infinite p_now.';
+'Raises an error (class ZC) for an unknown track, a horizon that is negative or too long, or a p_now that no plan reaches.';
 
 CREATE OR REPLACE FUNCTION request_delays(
     p_scene text, p_key text, p_horizon interval DEFAULT interval '2 hours', p_now timestamptz DEFAULT NULL

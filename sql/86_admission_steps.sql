@@ -267,7 +267,7 @@ BEGIN
                     properties jsonb, class text, owner text, activations text, departures jsonb,
                     schedule jsonb, tolerances jsonb);
         EXCEPTION WHEN OTHERS THEN
-            FOUND := _raise('ZC016', v_who, 'plan', format('cannot be read: %s', SQLERRM), 'plan_readable');
+            FOUND := _raise('ZC016', v_who, 'plan', format('cannot be read: %s', left(SQLERRM, 200)), 'plan_readable');
         END;
         -- Texts of geometries need no SRID.
         IF ST_SRID(footprint) = 0 THEN

@@ -16,6 +16,9 @@ DECLARE
     v_points geometry[];
 BEGIN
     SELECT s.* INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
+    -- Smaller numbers underflow.
+    p_lon := CASE WHEN abs(p_lon) < 1e-100 THEN 0 ELSE p_lon END;
+    p_radius_m := CASE WHEN abs(p_radius_m) < 1e-100 THEN 0 ELSE p_radius_m END;
     IF (p_radius_m > 0 AND p_radius_m <= CASE v_scene.motion WHEN 'rhumb' THEN 50000 ELSE 5000000 END) IS NOT TRUE THEN
         FOUND := _raise('ZC001', c_who, 'radius_m',
                         format('must be a number of metres, more than 0 and at most 5000000, for rhumb lines 50000; '

@@ -382,10 +382,16 @@ BEGIN
     END IF;
     IF v_known ?& ARRAY['fore_m', 'aft_m', 'port_m', 'starboard_m'] AND NOT v_known ? 'outline_m'
        AND least((v_known ->> 'fore_m')::numeric, (v_known ->> 'aft_m')::numeric, (v_known ->> 'port_m')::numeric,
-                 (v_known ->> 'starboard_m')::numeric) >= 0 THEN
-        v_plan := v_plan || jsonb_build_object('outline', encode(ST_AsBinary(rectangle_outline(
-            (v_known ->> 'fore_m')::double precision, (v_known ->> 'aft_m')::double precision,
-            (v_known ->> 'port_m')::double precision, (v_known ->> 'starboard_m')::double precision)), 'hex'));
+                 (v_known ->> 'starboard_m')::numeric) >= 0
+       AND greatest((v_known ->> 'fore_m')::numeric, (v_known ->> 'aft_m')::numeric, (v_known ->> 'port_m')::numeric,
+                    (v_known ->> 'starboard_m')::numeric) < 1e300 THEN
+        -- Smaller numbers are no doubles.
+        v_plan := v_plan || jsonb_build_object('outline', encode(ST_AsBinary((
+            SELECT rectangle_outline(d.sides[1], d.sides[2], d.sides[3], d.sides[4])
+            FROM (SELECT ARRAY(SELECT CASE WHEN (v_known ->> m)::numeric > 1e-300
+                                           THEN (v_known ->> m)::double precision ELSE 0 END
+                               FROM unnest(ARRAY['fore_m', 'aft_m', 'port_m', 'starboard_m']) WITH ORDINALITY u (m, n)
+                               ORDER BY n) AS sides) d)), 'hex'));
     ELSIF v_known ? 'outline_m' AND NOT v_known ?| ARRAY['fore_m', 'aft_m', 'port_m', 'starboard_m']
           AND NOT jsonb_path_exists(v_known, 'strict $.outline_m[*] ? (@.type() <> "array" || @.size() <> 2
                                               || exists (@[*] ? (@.type() <> "number")))') THEN

@@ -172,7 +172,8 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
     """Answer a request, in the open transaction."""
     options = request.options
     if request.kind == "delays":
-        now = certain(options.get("now_us"))
+        now_us = options.get("now_us")
+        now = certain(None if now_us is None else int(now_us))
         (of_track,) = delays(conn, request.scene, options["key"], options["horizon_s"], now)
         store.answer_delays(conn, request.probe_id, of_track)
         return

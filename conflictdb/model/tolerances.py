@@ -151,8 +151,8 @@ def _written(name: str, instant: inputs.Instant) -> str:
 
 def _numbers(who: str, name: str, value: Any, count: int, each: str, most: float) -> NDArray[np.float64]:
     many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    values = list(value) if many else [value] * count
-    if len(values) != count:
+    values = list(value) if many else [value]
+    if many and len(values) != count:
         raise InvalidInput(who, name, f"must be one number, or one per {each}: {count}; got {len(values)}")
     for i, one in enumerate(values):
         where = f"{name}[{i}]" if many else name
@@ -160,8 +160,9 @@ def _numbers(who: str, name: str, value: Any, count: int, each: str, most: float
             raise InvalidInput(who, where, f"must be a finite number, 0 or more; got {one!r:.60}")
         if one > most:
             hint = " (a limit in metres read as nautical miles?)" if name.startswith("xtd") else ""
-            raise InvalidInput(who, where, f"must be at most {most:g}; got {one:g}{hint}")
-    return np.array(values, dtype=np.float64).reshape(count)
+            raise InvalidInput(who, where, f"must be at most {most:g}; got {one!r:.60}{hint}")
+    found = np.array(values, dtype=np.float64)
+    return found if many else np.full(count, found[0])
 
 
 def _window(who: str, name: str, value: Any, planned_us: int) -> NDArray[np.int64] | None:
