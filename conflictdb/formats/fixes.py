@@ -88,7 +88,7 @@ def tracks_of(
     if gaps:
         longest_s, key = max(gaps)
         of = f"{len(gaps):,} objects have gaps of more than {max_gap_s() / 3600.0:g} hours between their times"
-        why = f"the longest, of {_lasts(longest_s)}, is that of {key!r:.60}"
+        why = f"the longest, of {lasts(longest_s)}, is that of {key!r:.60}"
         texts.append(f"{of}, where their tracks are split; {why}: --max-gap takes another limit")
     skipped = [
         Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
@@ -97,7 +97,7 @@ def tracks_of(
     return tracks, skipped, texts
 
 
-def _lasts(seconds: float) -> str:
+def lasts(seconds: float) -> str:
     """Return a duration in hours, days or years."""
     days = seconds / 86_400.0
     if days < 3.0:

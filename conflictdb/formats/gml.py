@@ -18,7 +18,7 @@ from conflictdb.formats.areas_of_files import Gathered, along_shortest_lines
 from conflictdb.formats.discs import MAX_RADIUS_M
 from conflictdb.formats.values_of_xml import number_of
 from conflictdb.formats.xml_text import Element
-from conflictdb.model.plans import METRES_PER_NMI
+from conflictdb.model.plans import METRES_PER_NMI, POLE_RULE
 
 Floats = NDArray[np.float64]
 
@@ -138,6 +138,8 @@ class Geometries:
         """Return the closed positions (n, 2) of an exterior or interior."""
         parts = list(self._parts(ring, order))
         outline = self._joined(ring, parts, outward(self._joined(ring, parts, {}), parts, is_hole=is_hole))
+        if abs(abs(outline[0, 0] - outline[-1, 0]) - 360.0) <= _GAP_DEG:
+            raise self.refusal(ring, f"must be a ring{POLE_RULE}")
         if np.abs(outline[0] - outline[-1]).max() > _GAP_DEG:
             raise self.refusal(ring, "must be closed: its last position must equal its first")
         outline[-1] = outline[0]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from copy import deepcopy
 from datetime import date, timedelta
 from typing import Final
@@ -21,6 +22,8 @@ _BEFORE_TIME: Final = frozenset(
     }
 )
 _DATE: Final = re.compile(r"(\d{4})(?:-(\d\d)(?:-(\d\d))?)?", re.ASCII)
+# The end of a day, which OGR does not read.
+_MIDNIGHT: Final = re.compile(r"(\d{4}-\d\d-\d\d)T24:00(?::00(?:\.0{1,9})?)?(|Z|[+-]\d\d:\d\d)", re.ASCII)
 
 Node = ET.Element
 
@@ -79,12 +82,17 @@ def _lacks_time(placemark: Node) -> bool:
 
 
 def _whole_days(root: Node) -> bool:
-    """Write dates, months and years as instants: an end contains its day; returns whether there are any."""
+    """Write dates, months, years and 24:00 as instants: an end contains its day; returns whether there are any."""
     is_changed = False
     for span in (node for node in root.iter() if _name(node) == "TimeSpan"):
         for end in _children(span, "begin", "end"):
             given = _DATE.fullmatch((end.text or "").strip())
             is_end = _name(end) == "end"
+            if (midnight := _MIDNIGHT.fullmatch((end.text or "").strip())) is not None:
+                with suppress(ValueError, OverflowError):  # refused later
+                    end.text = f"{date.fromisoformat(midnight[1]) + timedelta(days=1)}T00:00:00{midnight[2]}"
+                    is_changed = True
+                continue
             if given is None or not (is_end or given[3] is None):
                 continue
             year, month, day = (int(one) if one else None for one in given.groups())

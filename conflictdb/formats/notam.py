@@ -219,9 +219,11 @@ def _time(who: str, item: str, text: str) -> int | None:
     given = _TIME.match(text)
     if given is not None:
         try:
-            at_us = (datetime.strptime(given[1], "%y%m%d%H%M").replace(tzinfo=UTC) - EPOCH) // MICROSECOND
-            # As in item D, 2359 ends a day.
-            return at_us + (_MINUTE_US if item == "C" and given[1].endswith("2359") else 0)
+            # As in item D, 2359 and 2400 end a day.
+            ends_day = item == "C" and given[1].endswith(("2359", "2400"))
+            digits = f"{given[1][:6]}2359" if ends_day else given[1]
+            at_us = (datetime.strptime(digits, "%y%m%d%H%M").replace(tzinfo=UTC) - EPOCH) // MICROSECOND
+            return at_us + (_MINUTE_US if ends_day else 0)
         except ValueError:
             pass
     rule = "must be ten digits, year to minute" + (", or PERM" if item == "C" else "")

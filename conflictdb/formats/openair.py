@@ -24,7 +24,7 @@ from conflictdb.formats.discs import MAX_RADIUS_M
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.instants import parse_end, parse_instant
 from conflictdb.formats.standards import Standard
-from conflictdb.model.plans import METRES_PER_NMI
+from conflictdb.model.plans import METRES_PER_NMI, POLE_RULE
 
 Floats = NDArray[np.float64]
 
@@ -296,7 +296,10 @@ def _polygon(who: str, where: str, parts: "Sequence[Floats | Arc]") -> shapely.M
     outline = ring(outward(ring({}), parts))
     if len(outline) <= _CORNERS:
         raise InvalidInput(who, where, f"needs at least {_CORNERS} points; got {len(outline) - 1}")
-    return shapely.MultiPolygon([shapely.Polygon(along_shortest_lines(who, where, outline))])
+    line = along_shortest_lines(who, where, outline)
+    if line[0, 0] != line[-1, 0]:
+        raise InvalidInput(who, where, f"must be a ring{POLE_RULE}")
+    return shapely.MultiPolygon([shapely.Polygon(line)])
 
 
 def _enclosed(shape: shapely.MultiPolygon) -> shapely.MultiPolygon:

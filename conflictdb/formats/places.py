@@ -1,4 +1,4 @@
-"""Find objects that lie far from all others: a sign of swapped coordinates or a wrong digit."""
+"""Find objects that lie far from all others, and legs that last long: signs of a wrong digit, or swapped coordinates."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.ragged import offsets
 from conflictdb.earth import geodesy
 from conflictdb.formats.contents import Remark, name_of
+from conflictdb.formats.fixes import lasts
 from conflictdb.model.plans import Area, Track
 
 # An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
@@ -20,6 +21,8 @@ _LEAST_M: Final = 200_000.0
 _AT_ONCE: Final = 50_000
 # Corners of an extent, as columns of longitude and latitude.
 _CORNERS: Final = ([0, 1], [0, 3], [2, 1], [2, 3])
+_LONGEST_LEG_DAYS: Final = 31
+_LONGEST_LEG_US: Final = _LONGEST_LEG_DAYS * 86_400_000_000
 # A smaller factor suffices if swapping longitude and latitude puts the object among the others.
 _FAR_IF_SWAPPED: Final = 3.0
 
@@ -88,3 +91,15 @@ def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np
     """Return the distance of unit vectors along the earth, metres, to 1 %."""
     across = np.linalg.norm(np.cross(at, middle), axis=1)
     return np.asarray(geodesy.MEAN_RADIUS_M * np.arctan2(across, (at * middle).sum(axis=1)))
+
+
+def long_legs(source: str, tracks: Sequence[Track]) -> Iterator[Remark]:
+    """Yield a remark if legs of tracks last longer than any voyage between two waypoints: a date is probably wrong."""
+    longest_us = [int(np.diff(track.times_us).max()) for track in tracks]
+    late = [(us, track.key) for us, track in zip(longest_us, tracks, strict=True) if us > _LONGEST_LEG_US]
+    if late:
+        us, key = max(late)
+        of = f"{len(late):,} track{' has' if len(late) == 1 else 's have'} legs of more than {_LONGEST_LEG_DAYS} days"
+        yield Remark(
+            source, "file", f"{of}; the longest, of {lasts(us / 1e6)}, is that of {key!r:.60}: is a date wrong?"
+        )

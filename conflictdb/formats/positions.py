@@ -82,6 +82,8 @@ _DAY_FIRST: Final = re.compile(r"(\d\d)/(\d\d)/(\d{4})[ T]+(\d\d:\d\d.*)")
 # An identity that a spreadsheet has rounded: 2.19E+08.
 _ROUNDED: Final = re.compile(r"\d+([.,]\d+)?[eE]\+?\d+")
 _NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
+# Behind the digits of an identity, as programs write whole numbers of a column with gaps: 219000001.0.
+_WHOLE_FLOAT: Final = re.compile(r"(?<=\A\d{9})\.0\Z", re.ASCII)
 # Numbers in this range are seconds since 1970 (1973 to 5138): dates in digits (20260301) and milliseconds lie outside.
 EARLIEST_S: Final = 100_000_000
 LATEST_S: Final = 100_000_000_000
@@ -237,6 +239,7 @@ class _Reader:
         if _ROUNDED.fullmatch(key):
             rule = f"is a number in scientific notation, {key!r:.40}, as spreadsheets round long ones: two ships have"
             raise self._refusal("file", line, "id", f"{rule} one id; export the column as text")
+        key = _WHOLE_FLOAT.sub("", key)
         who = f"track {checked_key('file', f'line {line}', key)!r}"
         check_text(who, f"line {line}", "".join(row))
         when = _cell(row[self.at["time"]])

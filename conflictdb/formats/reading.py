@@ -196,6 +196,8 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     turns.add(contents.areas)
     yield from turns.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
+    if contents.scene is None:
+        yield from places.long_legs(source, contents.tracks)
 
 
 def _empty(source: str) -> Remark:

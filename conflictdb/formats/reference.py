@@ -23,7 +23,7 @@ ToDegrees = Callable[[Floats], Floats] | None
 
 EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
 _LONGITUDE_LATITUDE: Final = re.compile(
-    r"(?:.*[:/])?(CRS84h?|EPSG[:/](?:[\d.]*[:/])?(?:4326|4979))|WGS ?84", re.IGNORECASE
+    r"(?:.*[:/])?(CRS:?84h?|EPSG[:/](?:[\d.]*[:/])?(?:4326|4979))|WGS ?84", re.IGNORECASE
 )
 # Characters of a name, WKT or PROJJSON: PROJ's own longest is a third of it.
 MAX_CHARACTERS: Final = 50_000

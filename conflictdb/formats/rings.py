@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_RADIUS_M
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.hints import scene_read_for
-from conflictdb.model.plans import Area, Motion
+from conflictdb.model.plans import LINES, Area, Motion
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class LongSides:
         ]
         if worst_m:
             self._kept.append((worst_m, key))
-            self._lines = _LINES[scene.motion]
+            self._lines = LINES[scene.motion]
         if not is_changed:
             return footprint
         self._changed.append(key)
@@ -125,7 +125,6 @@ def _from_great_circles_m(ring: Floats) -> Floats:
 
 
 _DEVIATIONS_M: Final = {Motion.RHUMB: _from_rhumb_lines_m, Motion.GREAT_CIRCLE: _from_great_circles_m}
-_LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
 class HalfTurns:

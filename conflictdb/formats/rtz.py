@@ -73,6 +73,7 @@ def read_rtz(
     """
     found = Gathered(source)
     remarks: list[Remark] = []
+    members: dict[str, Any] = {}
     info = root.child("routeInfo")
     name = (info.get("routeName") if info is not None else None) or stem
     who = f"route {name!r}"
@@ -89,6 +90,7 @@ def read_rtz(
         remarks = [] if members else [Remark(source, "file", A_POINT)]
     contents = found.contents(skip_invalid=skip_invalid)
     contents.remarks = remarks
+    contents.derived = [] if members else [track.key for track in contents.tracks]
     return contents
 
 

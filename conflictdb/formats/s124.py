@@ -79,6 +79,7 @@ def read_s124(
             found.add_zone(f"{part.name} in line {part.line}", Zone(key, volumes, name, active, properties))
     contents = found.contents(skip_invalid=skip_invalid)
     contents.skipped.extend(without)
+    contents.derived = [area.key for area in contents.areas]  # ids of XML are unique in their file
     for kind, count in others.items():
         reason = f"{count} geometries are {kind}s: no areas"
         contents.skipped.append(Skipped(source, "file", reason, (), is_whole=False))

@@ -79,6 +79,7 @@ def read_s421(
         found.add_route(name, who, Route(name, list(points.values()), dict(properties)), max_speed_kn)
     contents = found.contents(skip_invalid=skip_invalid)
     contents.remarks = [Remark(source, "file", A_POINT)] if contents.tracks else []
+    contents.derived = [track.key for track in contents.tracks]
     return contents
 
 

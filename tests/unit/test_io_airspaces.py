@@ -635,3 +635,18 @@ def test_coordinates_that_are_not_read_are_remarked(tmp_path: Path) -> None:
         "item E describes its area otherwise: the circle of item Q is used"
     ]
     assert not contents(tmp_path, notam("GUN FIRING"), "a.txt").remarks
+
+
+def test_a_surface_around_a_pole_says_so(tmp_path: Path) -> None:
+    """It was refused as not closed, though it is."""
+    cap = surface(lines("80 0 80 90 80 180 80 -90 80 0"))
+    with pytest.raises(InvalidInput, match="must be a ring; it goes round a pole"):
+        contents(tmp_path, aixm(("BASELINE", volume(cap))))
+
+
+def test_2400_ends_a_day_of_item_c(tmp_path: Path) -> None:
+    text = "A0123/26 NOTAMN\nQ) EDWW/QRRCA/IV/BO/W/000/100/5405N01030E010\nA) EDWW B) 2606010600 C) 2606302400\nE) X"
+    (area,) = contents(tmp_path, text, "a.txt", hints=AT_ALL_HEIGHTS).areas
+    assert area.end_us == int(np.datetime64("2026-07-01", "us").astype(int))
+    with pytest.raises(InvalidInput, match="B: must be ten digits"):
+        contents(tmp_path, text.replace("2606010600", "2606012400"), "a.txt", hints=AT_ALL_HEIGHTS)

@@ -237,3 +237,12 @@ def test_arcs_of_a_file_have_a_limit_of_corners(tmp_path: Path) -> None:
     shape = "V X=0:0:0 N 0:0:0 E\n" + "DA 2699, 0, 359\n" * 9_000
     with pytest.raises(InvalidInput, match="a circle too many"):
         contents(tmp_path, shape=shape)
+
+
+def test_an_outline_around_a_pole_is_refused_by_its_line(tmp_path: Path) -> None:
+    """It must not become the strip that its sides enclose on a map."""
+    cap = "".join(
+        f"DP 80:00:00 N {lon:03}:00:00 {east}\n" for lon, east in ((0, "E"), (90, "E"), (180, "E"), (90, "W"))
+    )
+    with pytest.raises(InvalidInput, match="shape in line 4: must be a ring; it goes round a pole"):
+        contents(tmp_path, shape=cap)

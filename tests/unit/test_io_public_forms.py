@@ -219,3 +219,33 @@ def test_open_air_of_open_aip_and_of_xcsoar(tmp_path: Path) -> None:
     assert (first.object_class, first.ceiling_m) == ("R", pytest.approx(2438.4))
     assert (second.object_class, second.floor_m, second.ceiling_m) == ("TMZ", pytest.approx(304.8), None)
     assert "1 airspaces without times (AA) are active at all times, such as 'Circle'" in said(found)
+
+
+def test_whole_numbers_of_a_column_with_gaps_are_the_same_ship(tmp_path: Path) -> None:
+    """pandas writes 219000001.0 where a row of the column is empty."""
+    rows = [f"219000001{end},2026-06-01T1{hour}:00:00,9.{hour},57" for hour, end in enumerate((".0", "", ".0"))]
+    (track,) = loaded(tmp_path, "a.csv", "\n".join(["mmsi,basedatetime,lon,lat", *rows])).tracks
+    assert (track.key, len(track.times_us)) == ("219000001", 3)
+
+
+@pytest.mark.parametrize("end", ["2026-06-01T24:00:00Z", "2026-06-01T24:00Z", "2026-06-02T02:00:00+02:00"])
+def test_the_end_of_a_day_in_kml(tmp_path: Path, end: str) -> None:
+    ring = " ".join(f"{lon},{lat}" for lon, lat in SQUARE)
+    text = (
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>Z</name><TimeSpan>'
+        f"<begin>{T[0]}</begin><end>{end}</end></TimeSpan><Polygon><outerBoundaryIs><LinearRing><coordinates>{ring}"
+        "</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
+    )
+    assert loaded(tmp_path, "a.kml", text).areas[0].end_us == us("2026-06-02T00:00:00Z")[0]
+
+
+def test_crs_84_with_a_colon_is_longitude_and_latitude(tmp_path: Path) -> None:
+    document = collection(feature("Polygon", [SQUARE]), crs={"type": "name", "properties": {"name": "CRS:84"}})
+    assert loaded(tmp_path, "a.geojson", document).areas[0].footprint.bounds == (9.0, 57.0, 9.2, 57.2)
+
+
+def test_a_leg_of_decades_in_a_file_of_another_program_is_remarked(tmp_path: Path) -> None:
+    moving = {"type": "MovingPoint", "coordinates": [[9, 57], [9.1, 57]], "datetimes": ["1980-01-06T00:00:00Z", T[1]]}
+    document = collection({"type": "Feature", "id": "M", "properties": {}, "temporalGeometry": moving})
+    found = loaded(tmp_path, "m.json", document, UTC)
+    assert "1 track has legs of more than 31 days; the longest, of 46 years, is that of 'M'" in said(found)
