@@ -1,4 +1,4 @@
-"""Find objects that lie far from all others, and legs that last long: signs of a wrong digit, or swapped coordinates."""
+"""Find objects that lie far from all others, and legs that last long: signs of wrong digits or swapped coordinates."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
