@@ -37,6 +37,8 @@ SLOT_US: Final = 20 * 86_400_000_000
 ASIDE_M: Final = (0.0, 1e-9, -1e-9, 1e-8, -1e-8, 4e-8, -4e-8, 1e-7, -1e-7, 1.5e-7, -1.5e-7, 3e-7, -3e-7, 1e-6, -1e-6)
 # Clearances within this of zero are within rounding.
 ROUNDING_M: Final = 2e-7
+# Times that are not decided are split down to this.
+SHORTEST_S: Final = 1e-6
 # Slower than this, m/s, pairs graze at that instant: their ends are not sharp.
 SLOWEST_MPS: Final = 1e-3
 # Reported ends are outward to the microsecond, and this much more or less.
@@ -282,10 +284,11 @@ def truth(pairs: Pairs) -> Truth:
     closed = pairs.scene.intervals is Intervals.CLOSED
     is_last, is_first = ~has_side & (sign > 0), ~has_side & (sign < 0)
     must = np.where(has_side, True, now < -ROUNDING_M)
-    # A pair may be undecided up to the bound that is stated for distances on the earth.
-    doubt_m = ROUNDING_M
+    # With a separation, time is split down to a microsecond, and distances are known to the bound that is stated.
+    doubt_m = np.full(len(at_s), ROUNDING_M)
     if pairs.kind == "distance":
         doubt_m += float(Setup.of(pairs.scene).plane.distance_error_m(pairs.scene.separation_m))
+        doubt_m += SHORTEST_S * np.abs(rate.astype(np.float64))
     may = must | (np.abs(now) <= doubt_m)
     # Contact at an excluded instant alone is none.
     must &= ~is_last | closed | (turn_s < at_s)
