@@ -1,8 +1,8 @@
-"""Print the table of paths: `./run python tests/paths/table.py [--seeds 0:124] [--paths NAME ...] [--all] [--write]`.
+"""Print the table of paths: `./run python tests/paths/table.py [--seeds A:B] [--paths NAME ...] [--all] [--write]`.
 
-Seeds are a number or FIRST:END. Each path is put to the scenes that add to its cells, with --all to every scene. A cell
-has the number of comparisons, then ! with failures, or r with refusals; - is not applicable. --write records the rows
-of these paths in table.csv, from which the reference is made.
+Seeds are a number or FIRST:END, by default those of `path_table`. Each path is put to the scenes that add to its cells,
+with --all to every scene. A cell has the number of comparisons, then ! with failures, or r with refusals; - is not
+applicable. --write records the rows of these paths in table.csv, from which the reference is made.
 """
 
 import argparse
@@ -19,9 +19,9 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 from case import Case  # noqa: E402
 from databases import test_server  # noqa: E402
 from mixed_scenes import FEATURES, mixed_scene  # noqa: E402
-from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, Table  # noqa: E402
+from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Table, seeds_of  # noqa: E402
 from reused import ReusedDatabase  # noqa: E402
-from test_paths import SEEDS, put_stored  # noqa: E402
+from test_paths import put_stored  # noqa: E402
 
 from conflictdb.db import schema  # noqa: E402
 
@@ -33,36 +33,40 @@ COLUMNS = ("path", "feature", "scenes", "comparisons", "failures", "refusals", "
 def main() -> int:
     """Print the table; return 1 if a comparison failed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", default=f"{SEEDS.start}:{SEEDS.stop}")
+    parser.add_argument("--seeds")
     parser.add_argument("--paths", nargs="*", choices=PATHS, default=list(PATHS))
     parser.add_argument("--all", action="store_true", help="put every scene to every path")
     parser.add_argument("--write", action="store_true", help="record the rows in table.csv")
     args = parser.parse_args()
-    first, _, end = args.seeds.partition(":")
-    seeds = range(int(first), int(end) if end else int(first) + 1)
-    table = filled(seeds, args.paths, None if args.all or len(seeds) == 1 else 1)
+    seeds = None
+    if args.seeds is not None:
+        first, _, end = args.seeds.partition(":")
+        seeds = range(int(first), int(end) if end else int(first) + 1)
+    is_one = seeds is not None and len(seeds) == 1
+    table = filled(seeds, args.paths, None if args.all or is_one else 1)
     sys.stdout.write("\n".join([text(table, args.paths), *table.problems, ""]))
     if args.write:
         write(table, args.paths)
     return 1 if table.problems else 0
 
 
-def filled(seeds: range, names: list[str], least: int | None) -> Table:
-    """Return the table of some seeds and paths."""
+def filled(seeds: range | None, names: list[str], least: int | None) -> Table:
+    """Return the table of some seeds and paths; None: of the seeds of each path."""
     table = Table()
     wanted = {name: path for name, path in PATHS.items() if name in names}
     in_memory = {name: path for name, path in wanted.items() if name in IN_MEMORY}
     stored = {name: path for name, path in wanted.items() if name not in in_memory}
     with tempfile.TemporaryDirectory() as folder:
-        for seed in seeds:
-            table.put(Case(mixed_scene(seed), Folder(folder)), in_memory, least)
+        for name, path in in_memory.items():
+            for seed in seeds_of(name) if seeds is None else seeds:
+                table.put(Case(mixed_scene(seed), Folder(folder)), {name: path}, least)
         if stored:
             run = f"paths{os.getpid()}"
             with test_server(run, "main") as server:
                 reused = ReusedDatabase(server, server.template(schema.upgrade), f"{server.prefix}_paths")
                 dsn = reused.dsn()
                 with reused.session(dsn) as conn:
-                    for seed in seeds:
+                    for seed in SEEDS if seeds is None else seeds:
                         put_stored(table, seed, conn, dsn, Folder(folder), stored, least)
                 reused.drop()
     return table
