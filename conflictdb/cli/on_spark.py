@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.meter import shown
-from conflictdb.cli.output import note, out, remark
+from conflictdb.cli.output import note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table
@@ -54,7 +54,10 @@ def detect(args: argparse.Namespace) -> int:
         with _shown_progress(spark) as begin:
             begin("cutting objects")
             memory_mb, partitions = args.memory_mb, args.partitions
-            found = detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=fastest_kn)
+            with warnings_as_remarks():
+                found = detected(
+                    spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=fastest_kn
+                )
             begin("joining and solving")
             write_conflicts(found.conflicts, args.output, overwrite=args.overwrite)
             begin("counting")

@@ -488,6 +488,11 @@ def has_unknown_times(plan: Area | Track) -> bool:
     return plan.is_stored and plan.schedule is not None and given is None
 
 
+def is_idle(plan: Area | Track) -> bool:
+    """Return whether the schedule of a plan is expanded, and has no activation."""
+    return plan.schedule is not None and (plan.spans_us if isinstance(plan, Area) else plan.departures_us) == ()
+
+
 def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.float64]:
     """Return heights per leg or waypoint as those at both ends of each leg, (legs, 2); infinite ones on whole legs."""
     if len(heights_m) == legs:

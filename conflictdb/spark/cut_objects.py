@@ -23,7 +23,7 @@ from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, has_unknown_times, is_idle
 from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.bundling import bundles_of
@@ -33,6 +33,9 @@ from conflictdb.stages.world import World, touched
 
 # Bytes of objects cut at a time: their pieces take about ten times as much.
 _AT_ONCE: Final = 4_000_000
+# Of schedules: one without an activation; one of a database that is not understood.
+IDLE: Final = "idle"
+UNKNOWN: Final = "unknown"
 # Number of an object without one.
 NO_NUMBER: Final = -1
 # A larger outline, in bytes (120 vertices), is not repeated in each row of its area: there may be many.
@@ -44,8 +47,8 @@ TIMES: Final = pa.schema([pa.field("start_us", pa.int64()), pa.field("end_us", p
 # Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
 # (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need, or the plan of a track with
 # tolerances. Each object also has a row of its
-# own, with kind, key, number, version and digest (`stages.pieces.digests`), and its outline if that is large. A
-# refused object is a row with only `refused`: JSON with key, field and rule.
+# own, with kind, key, number, version and digest (`stages.pieces.digests`), its outline if that is large, and what is
+# to be said of its schedule. A refused object is a row with only `refused`: JSON with key, field and rule.
 SCHEMA: Final = pa.schema(
     [
         pa.field("kind", pa.int8()),
@@ -65,6 +68,7 @@ SCHEMA: Final = pa.schema(
         pa.field("object_id", pa.int64()),
         pa.field("version", pa.int64()),
         pa.field("digest", pa.int64()),
+        pa.field("schedule", pa.string()),
         pa.field("refused", pa.string()),
     ]
 )
@@ -87,7 +91,7 @@ def touched_times(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[p
     """
     for batch in batches:
         with suppress(InvalidInput):
-            span = touched(to_objects(batch)[1], scene)
+            span = touched(_objects(batch)[1], scene)
             if span is not None:
                 yield pa.RecordBatch.from_arrays([pa.array([end], pa.int64()) for end in span], schema=TIMES)
 
@@ -121,9 +125,14 @@ def _refuse_twins(keys: list[str], seen: set[str]) -> None:
         seen.add(key)
 
 
+def _objects(batch: pa.RecordBatch) -> tuple[list[Area], list[Track]]:
+    """Return the objects of a batch; those of a database have numbers."""
+    return to_objects(batch, are_stored=bool((_column(batch, "object_id", NO_NUMBER).to_numpy(False) >= 0).all()))
+
+
 def _pieces(batch: pa.RecordBatch, world: World, max_speed_kn: float) -> Iterator[pa.RecordBatch]:
     """Yield the pieces of some objects, and these themselves."""
-    given = to_objects(batch)
+    given = _objects(batch)
     setup, scene = world.setup, world.setup.scene
     refusals = Refusals()
     within_speed(given[1], scene.motion, max_speed_kn, refusals)
@@ -166,6 +175,7 @@ def _pieces(batch: pa.RecordBatch, world: World, max_speed_kn: float) -> Iterato
         object_id=pa.array(number),
         version=pa.array(np.concatenate([of_areas.version, of_tracks.version])),
         digest=pa.array(np.concatenate([area_digests(states[0]), track_digests(states[1])])),
+        schedule=pa.array([*map(_said_of, areas), *map(_said_of, tracks)], pa.string()),
     )
 
 
@@ -192,6 +202,10 @@ def _states(given: Sequence[_Plan], active: Sequence[_Plan]) -> list[_Plan]:
         for one in given
     )
     return [one if is_own else other for is_own, one, other in zip(own, given, active, strict=True)]
+
+
+def _said_of(plan: Area | Track) -> str | None:
+    return UNKNOWN if has_unknown_times(plan) else IDLE if is_idle(plan) else None
 
 
 def _plan(track: Track) -> bytes | None:

@@ -22,17 +22,18 @@ _UNITS: Final = 4
 _MOST_PIECES: Final = 25_000
 
 
-def counted(pieces: DataFrame) -> tuple[int, int]:
-    """Return the numbers of rows of pieces, and of outlines that have rows of their own, in one pass.
+def counted(pieces: DataFrame) -> tuple[int, int, int]:
+    """Return, in one pass, the numbers of rows of pieces, of outlines with rows of their own, and of schedules to name.
 
     Raises InvalidInput if a row is a refused object.
     """
     lone = functions.when(functions.col("pieces").isNull(), functions.col("outline"))
-    counts = pieces.agg(functions.min("refused"), functions.count("pieces"), functions.count(lone)).head()
-    refused, rows, outlines = counts or (None, 0, 0)
+    counted = (functions.count(one) for one in ("pieces", lone, "schedule"))
+    refused, *counts = pieces.agg(functions.min("refused"), *counted).head() or (None, 0, 0, 0)
     if refused:
         raise refusal_of(refused)
-    return rows, outlines
+    rows, outlines, schedules = counts
+    return rows, outlines, schedules
 
 
 def cells_of(pieces: DataFrame, rows: int, partitions: int) -> Cells:

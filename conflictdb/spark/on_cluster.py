@@ -5,6 +5,7 @@ objects. Spark shuffles in between. Repeated tasks give the same rows.
 """
 
 import math
+import warnings
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,9 +22,10 @@ from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.earth.registry import middle_deg, summed_directions
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
 from conflictdb.model.plans import Motion, Scene
-from conflictdb.model.recurring_plans import Window
+from conflictdb.model.recurring_plans import Window, idle_text, unknown_text
+from conflictdb.model.results import Kind
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.spark import cut_objects, joining, solving
 from conflictdb.spark.engine import with_sedona
@@ -111,7 +113,9 @@ def detected(
     into_pieces = partial(cut_objects.cut, scene=scene, max_speed_kn=max_speed_kn, window=window)
     cut = mapped(objects.repartition(count, "id"), into_pieces, cut_objects.SCHEMA)
     cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
-    rows, large = joining.counted(cut)
+    rows, large, schedules = joining.counted(cut)
+    if schedules and window is not None:
+        _warn_of_schedules(cut, window)
     cells = joining.cells_of(cut, rows, count)
     in_units = joining.placed(spark, cut, cells).repartition(count, "unit").sortWithinPartitions("unit")
     blocks = blocks_for(max(_GROUPS * count, math.ceil(cells.pairs / _MOST_PAIRS)))
@@ -127,6 +131,18 @@ def detected(
     weakref.finalize(found, _free, cut).atexit = False
     read = cut.where("digest IS NOT NULL").select("key", "kind", "object_id", "version", "digest")
     return Detected(found, read)
+
+
+def _warn_of_schedules(cut: DataFrame, window: Window) -> None:
+    """Issue the warnings of `occupy` that name objects without an activation, or without an understood schedule."""
+    rows = cut.where("schedule IS NOT NULL").select("kind", "key", "schedule").sort("kind", "key").collect()
+    named: dict[str, list[str]] = {cut_objects.UNKNOWN: [], cut_objects.IDLE: []}
+    for code, key, said in rows:
+        named[said].append(f"{'area' if code == Kind.AREA.code else 'track'} {key!r}")
+    if unknown := named[cut_objects.UNKNOWN]:
+        warnings.warn(unknown_text(unknown), UnknownScheduleWarning, stacklevel=3)
+    if idle := named[cut_objects.IDLE]:
+        warnings.warn(idle_text(idle, window), IncompleteWarning, stacklevel=3)
 
 
 def _named(found: DataFrame, names: DataFrame | None) -> DataFrame:

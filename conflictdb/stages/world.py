@@ -28,6 +28,7 @@ from conflictdb.model.plans import (
     check_datums,
     check_keys,
     has_unknown_times,
+    is_idle,
 )
 from conflictdb.model.recurring_plans import Window, expanded_area, expanded_track, idle_text, unknown_text, window_over
 from conflictdb.model.tolerances import tolerances_of
@@ -235,13 +236,15 @@ def occupy(
 
 def warn_of_unknown(plans: Sequence[Area | Track]) -> None:
     """Issue an UnknownScheduleWarning that names stored objects whose schedules are not understood."""
-    unknown = [f"{'area' if isinstance(one, Area) else 'track'} {one.key!r}" for one in plans if has_unknown_times(one)]
-    if unknown:
+    if unknown := [_who(one) for one in plans if has_unknown_times(one)]:
         warnings.warn(unknown_text(unknown), UnknownScheduleWarning, stacklevel=4)
 
 
+def _who(plan: Area | Track) -> str:
+    return f"{'area' if isinstance(plan, Area) else 'track'} {plan.key!r}"
+
+
 def _warn_of_idle(areas: Sequence[Area], tracks: Sequence[Track], window: Window) -> None:
-    idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and one.spans_us == ()]
-    idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and one.departures_us == ()]
-    if idle:
+    plans: list[Area | Track] = [*areas, *tracks]
+    if idle := [_who(one) for one in plans if is_idle(one)]:
         warnings.warn(idle_text(idle, window), IncompleteWarning, stacklevel=4)

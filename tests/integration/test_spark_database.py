@@ -4,6 +4,7 @@ import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 import scenes
+import shapely
 from commands import STRAIT, Run, known, runner
 from own_server import own_server
 from psycopg import conninfo
@@ -24,11 +26,15 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.db import store
 from conflictdb.errors import StoreError
 from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Kind
 
 pytestmark = [pytest.mark.spark, pytest.mark.xdist_group("spark")]
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
+# Of three ships, and of the areas that they cross.
+LATITUDES = (("S", 0.0), ("T", 0.5), ("U", 1.0))
+SHIP = rectangle_outline_m(50.0, 50.0, 50.0, 50.0)
 # Objects of scenes of great circles, without the processing by `put_area` and `put_track`.
 ROWS = """
 INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('late', 'great_circle', 'sphere');
@@ -131,6 +137,38 @@ def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp
         assert known(run, "copy") == found
         run("detect", "--scene", name, "--full")
         assert known(run, name) == found
+
+
+def test_a_schedule_that_is_not_understood_is_unresolved(
+    networked: Networked, run: Run, tmp_path: Path, spark: Spark
+) -> None:
+    """As in a detection of the database, which names it, too."""
+    start = datetime(2026, 6, 1, 6, tzinfo=UTC)
+    daily = {"rrule": "DTSTART:20260601T060000Z\nRRULE:FREQ=DAILY;COUNT=2", "duration": "PT2H"}
+    ships = [Track(key, [(0.1, lat), (0.4, lat)], [start, start + timedelta(hours=1)], SHIP) for key, lat in LATITUDES]
+    areas = [
+        Area(f"around {key}", shapely.box(0.2, lat - 0.05, 0.3, lat + 0.05), schedule=daily) for key, lat in LATITUDES
+    ]
+    with connect(networked.owner) as db:
+        scene = db.scene("plans")
+        scene.put([*ships, *areas[:2], replace(areas[2], key="A")], Scene("plans"))
+        db.connection.execute("UPDATE conflictdb.area SET schedule = %s WHERE key = 'A'", ['{"notam": "WHENEVER"}'])
+        db.connection.execute("UPDATE conflictdb.track SET schedule = %s WHERE key = 'S'", ['{"notam": "WHENEVER"}'])
+        db.connection.commit()
+        scene.detect()
+        verdicts = {(one.a_key, one.b_key): one.verdict for one in scene.conflicts()}
+    output = tmp_path / "found"
+    detect = ["--dsn", networked.reader, "spark", "detect", "--scene", "plans", "--output", str(output)]
+    ((code, said),) = spark.run([detect])
+    assert code == 0, said
+    assert "area 'A', track 'S': schedule is not understood" in said
+    found = {(row["a_key"], row["b_key"]): row["verdict"] for row in pq.read_table(output).to_pylist()}
+    assert found == {pair: str(verdict) for pair, verdict in verdicts.items()}
+    assert "unresolved" in found.values()
+    assert "conflict" in found.values()
+    written = run("spark", "write-back", "--scene", "plans", output)
+    assert (written.code, written.err) == (0, "")
+    assert "0 opened, 0 changed, 0 closed" in written.out
 
 
 def test_readers_see_the_state_that_is_shared(dsn: str) -> None:

@@ -3,6 +3,7 @@
 Partitions split each scene, so that no worker knows the voyages over which the schedules of others are expanded.
 """
 
+from dataclasses import replace
 from functools import reduce
 from pathlib import Path
 from typing import Final
@@ -10,7 +11,7 @@ from typing import Final
 import pyarrow as pa
 import pytest
 from case import Case
-from mixed_scenes import FEATURES, Feature, mixed_scene
+from mixed_scenes import FEATURES, Feature, Mixed, mixed_scene
 from pyarrow import parquet
 from spark_answers import Spark, in_order
 
@@ -33,11 +34,12 @@ SCENES: Final = {
     9: {Feature.HIGH_LATITUDE, Feature.SPHERE, Feature.HEIGHTS, Feature.FAR},
 }
 # Columns of a database, and those that rows of `solve` have in another form.
+_NEVER: Final = {"spans_us": None, "start_us": None, "end_us": None}
 _OTHERS: Final = ("a_version", "b_version", "a_name", "b_name", "region", "scene")
 
 
 def test_ten_scenes_are_detected(tmp_path: Path, spark: Spark) -> None:
-    cases = [Case(mixed_scene(seed, features), tmp_path) for seed, features in SCENES.items()]
+    cases = [Case(with_idle_area(mixed_scene(seed, features)), tmp_path) for seed, features in SCENES.items()]
     assert reduce(frozenset.union, (case.mixed.features for case in cases)) == frozenset(FEATURES)
     commands = []
     for case in cases:
@@ -47,10 +49,17 @@ def test_ten_scenes_are_detected(tmp_path: Path, spark: Spark) -> None:
         commands[-1] += ["--output", str(path.with_suffix(".found"))]
     for case, (code, said) in zip(cases, spark.run(commands), strict=True):
         assert code == 0, (case.mixed.seed, said)
+        assert "'idle': no activation of the schedule" in said, (case.mixed.seed, said)
         found = parquet.read_table(tmp_path / f"{case.mixed.seed}.found")
         expected = of_rows(list(case.rows.values()))
         assert expected.num_rows
         assert rows_of(found) == rows_of(pa.Table.from_batches([expected])), case.mixed.seed
+
+
+def with_idle_area(mixed: Mixed) -> Mixed:
+    """Return the scene with an area whose schedule has no activation in the expanded window."""
+    past = {"rrule": "DTSTART:19700101T000000Z\nRRULE:FREQ=DAILY;COUNT=1", "duration": "PT1H"}
+    return replace(mixed, areas=[*mixed.areas, replace(mixed.areas[0], key="idle", schedule=past, **_NEVER)])
 
 
 def rows_of(found: pa.Table) -> list[dict[str, object]]:

@@ -35,10 +35,10 @@ from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import settings_of as settings_as_json
 from conflictdb.in_memory.questions import solve
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, EarthModel, Scene, StoredArea, StoredTrack, Track, rectangle_outline_m
 from conflictdb.spark import cut_objects, solving, work_units
 from conflictdb.spark.work_units import Cells, two_blocks
-from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.covers import COVER, pieces_of
 from conflictdb.stages.pieces.digests import area_digests, track_digests
 from conflictdb.stages.stage1_broad_phase import candidates
 
@@ -316,6 +316,42 @@ def test_schedules_are_expanded_over_the_window_and_keep_the_activations_of_a_da
         [of_objects(areas, [replace(sails, schedule=None, departures_us=None)])], scene
     )
     assert times.to_pylist() == [{"start_us": 0, "end_us": hour + 1}]
+
+
+def test_schedules_that_are_idle_or_not_understood_are_rows_that_say_so() -> None:
+    """Only of a database, whose objects have numbers: its detections keep them, as covers that are never sure."""
+    scene, hour = Scene("s"), 3_600_000_000
+    once = {"rrule": "DTSTART:20010101T000000Z\nRRULE:FREQ=DAILY;COUNT=1", "duration": "PT1H"}
+    strange = {"notam": "WHENEVER"}
+    box, at = shapely.box(4, 57, 5, 58), np.array([0, hour], np.int64)
+    areas = [StoredArea(key, box, schedule=one) for key, one in (("idle", once), ("unknown", strange))]
+    given = (
+        areas,
+        [
+            StoredTrack("T", [(4, 57), (4.1, 57)], at, [(0, 0)], schedule=strange),
+            Track("sails", [(4, 57), (4.1, 57)], at, [(0, 0)]),
+        ],
+    )
+    table = pa.Table.from_batches(
+        list(cut_objects.cut([of_objects(*given, np.arange(4), np.ones(4, np.int64))], scene, window=(0, 72 * hour)))
+    )
+    said = table.filter(table["digest"].is_valid())
+    assert dict(zip(said["key"].to_pylist(), said["schedule"].to_pylist(), strict=True)) == {
+        "idle": cut_objects.IDLE,
+        "unknown": cut_objects.UNKNOWN,
+        "T": cut_objects.UNKNOWN,
+        "sails": None,
+    }
+    cut = table.filter(table["pieces"].is_valid())
+    assert set(cut["key"].to_pylist()) == {"unknown", "T", "sails"}
+    parts = {key: pieces_in([row]).part for key, row in zip(cut["key"], cut["pieces"].to_pylist(), strict=True)}
+    assert {str(key): (part == COVER).all() for key, part in parts.items()} == {
+        "unknown": True,
+        "T": True,
+        "sails": False,
+    }
+    (refused,) = cut_objects.cut([of_objects(*given)], scene, window=(0, 72 * hour))
+    assert "schedule" in refused.column("refused").to_pylist()[0]
 
 
 def spans_in(row: bytes) -> list[tuple[int, int]]:

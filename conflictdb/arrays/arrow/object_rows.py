@@ -35,7 +35,7 @@ from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import Area, Track
+from conflictdb.model.plans import Area, StoredArea, StoredTrack, Track
 from conflictdb.model.results import Kind
 
 _METRES: Final = pa.list_(pa.float64())
@@ -118,22 +118,25 @@ def of_objects(
     )
 
 
-def to_objects(given: Batch) -> tuple[list[Area], list[Track]]:
+def to_objects(given: Batch, *, are_stored: bool = False) -> tuple[list[Area], list[Track]]:
     """Return the areas and tracks of a batch or table of the form OBJECTS, fully checked.
+
+    are_stored : they are of a database; their schedules are not checked
 
     Raises InvalidInput for a table that does not fit, and for the first refused object.
     """
     columns = OBJECTS.columns(given)
     is_track = _is_track(columns["kind"])
     of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
-    return list(_areas(of_areas)), list(_tracks(of_tracks))
+    return list(_areas(of_areas, are_stored)), list(_tracks(of_tracks, are_stored))
 
 
-def _areas(columns: Mapping[str, Array]) -> list[Area]:
+def _areas(columns: Mapping[str, Array], are_stored: bool) -> list[Area]:
     start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
     heights = zip(columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist(), strict=True)
+    of_kind = StoredArea if are_stored else Area
     return [
-        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of, *recurring)
+        of_kind(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of, *recurring)
         for key, footprint, name, start, end, (floor_m, ceiling_m), properties, of, recurring in zip(
             columns["id"].to_pylist(),
             _footprints(columns),
@@ -149,7 +152,7 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
     ]
 
 
-def _tracks(columns: Mapping[str, Array]) -> list[Track]:
+def _tracks(columns: Mapping[str, Array], are_stored: bool) -> list[Track]:
     course, way = _courses(columns)
     times_us = _times(columns)
     outline_m, ring = _rings(columns["outline_m"], "outline_m")
@@ -166,7 +169,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
     for i, key in enumerate(keys):
         outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
         tracks.append(
-            Track(
+            (StoredTrack if are_stored else Track)(
                 key,
                 course[way[i] : way[i + 1]],
                 all_certain(times_us[way[i] : way[i + 1]]),
