@@ -15,7 +15,7 @@ KERNEL = "conflictdb/kernel"
 class KernelHook(BuildHookInterface[Any]):
     """Puts the compiled kernel into the wheel, which is of one platform then, and of any Python 3.
 
-    That is of this platform; or what build_wheels.py compiled for another, which it names in the environment.
+    That is of this platform; or what tools/build_wheels.py compiled for another, which it names in the environment.
     """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

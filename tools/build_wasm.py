@@ -14,7 +14,7 @@ from typing import Final
 
 from conflictdb.kernel import build
 
-OUTPUT: Final = Path(__file__).resolve().parent / "conflictdb" / "map" / "page" / "kernel.wasm"
+OUTPUT: Final = Path(__file__).resolve().parents[1] / "conflictdb" / "map" / "page" / "kernel.wasm"
 # The functions that the page calls.
 EXPORTS: Final = (
     "kernel_abi", "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from conflictdb.kernel import build
 
-ROOT = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
