@@ -31,21 +31,8 @@ import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
 from conflictdb.cli.parser import Parser
-from conflictdb.formats import (
-    aixm,
-    file_objects,
-    gpx,
-    kml_document,
-    moving_features,
-    notam,
-    openair,
-    operational_intents,
-    positions,
-    rtz,
-    s124,
-    s421,
-    uas_zones,
-)
+from conflictdb.exchange import aixm, notam, operational_intents, s124, s421, uas_zones
+from conflictdb.formats import file_objects, gpx, kml_document, moving_features, openair, positions, rtz
 from conflictdb.formats.standards import Standard
 from conflictdb.model import path_limits, record
 

@@ -6,26 +6,28 @@ from typing import Final, TypeAlias
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.kml_writing import kml_lines
+from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.reading import OTHER_ENDINGS
 from conflictdb.formats.rtz_writing import rtz_lines
 from conflictdb.formats.scene_file import scene_text
-from conflictdb.formats.uas_zones_writing import ed318_lines
 from conflictdb.model.plans import Area, Scene, Track
 
 Lines: TypeAlias = Callable[[Scene, Sequence[Area], Sequence[Track]], Iterator[str]]
 
 
-def _f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
-    from conflictdb.formats.volumes_writing import f3548_lines  # needs the kernel
+def _ed318_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    yield from of_exchange("uas_zones_writing", "ed318_lines")(scene, areas, tracks)
 
-    return f3548_lines(scene, areas, tracks)
+
+def _f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    yield from of_exchange("volumes_writing", "f3548_lines")(scene, areas, tracks)
 
 
 # Endings of names without .gz; any other is a scene file.
 _WRITERS: Final[dict[str, Lines]] = {
     ".rtz": rtz_lines,
     ".kml": kml_lines,
-    ".ed318.json": ed318_lines,
+    ".ed318.json": _ed318_lines,
     ".f3548.json": _f3548_lines,
 }
 # Endings that are read as other formats: a scene file of such a name would not load.

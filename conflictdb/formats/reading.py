@@ -43,6 +43,7 @@ from conflictdb.formats.contents import (
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.openair import is_openair, read_openair
+from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.rings import HalfTurns
@@ -292,12 +293,11 @@ def _read_xml(file: _File) -> Contents:
 
 
 def _read_notam(file: _File) -> Contents:
-    from conflictdb.formats.notam import read_notam
-
     text = file.text(is_latin_1=is_openair)
     if is_openair(text):
         return _openair(file, text)
-    return read_notam(text, str(file.path), skip_invalid=file.skip_invalid)
+    contents: Contents = of_exchange("notam", "read_notam")(text, str(file.path), skip_invalid=file.skip_invalid)
+    return contents
 
 
 def _read_openair(file: _File) -> Contents:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from conflictdb.formats.contents import Remark
-from conflictdb.formats.uas_zones_writing import has_only_ed318
+from conflictdb.formats.outside import of_exchange
 from conflictdb.model.plans import Area, Scene, Track
 
 # Formats by the ending of the name, without .gz, and the settings that their objects have, or that follow from these.
@@ -41,4 +41,4 @@ def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Seq
 
 
 def _is_kept(item: Area | Track) -> bool:
-    return isinstance(item, Area) and has_only_ed318(item)
+    return isinstance(item, Area) and bool(of_exchange("uas_zones_writing", "has_only_ed318")(item))

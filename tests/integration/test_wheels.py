@@ -1,6 +1,7 @@
 """Wheels: each for one platform, and complete. A wheel is installed into an empty environment and solves a scene."""
 
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from build_wheels import TARGETS
 
@@ -35,6 +37,30 @@ zone = Area("zone", shapely.box(0, 0, 1, 1))
 track = Track("T", np.array([(-1.0, 0.5), (2.0, 0.5)]), np.array([0, 3_600_000_000]), rectangle_outline_m(10, 10, 5, 5))
 found = conflictdb.solve([track], [zone])
 print(len(found), found[0].verdict.name)
+"""
+
+# Rooms that the core does not import, and libraries of extras, which only they and other formats use.
+OUTER = {"map", "spark", "drawing", "server", "exchange"}
+EXTRAS = (
+    "matplotlib", "fpdf", "starlette", "uvicorn", "pyspark", "sedona", "pandas", "geopandas", "pyarrow", "pyogrio",
+    "pyproj", "geoalchemy2", "prometheus_client",
+)  # fmt: skip
+CORE = """
+import sys
+for name in {extras!r}:
+    sys.modules[name] = None
+import conflictdb
+from conflictdb.formats.reading import read
+assert conflictdb.__file__.startswith({venv!r}), conflictdb.__file__
+demo = read(conflictdb.__path__[0] + "/scenes/strait.geojson")
+found = conflictdb.solve(demo.tracks, demo.areas, scene=demo.scene)
+with conflictdb.connect({dsn!r}) as db:
+    db.load_demo()
+    scene = db.scene("strait")
+    scene.detect()
+    print(len(scene.conflicts()) == len(found) > 0, len(scene.probe(demo.tracks[0])) > 0)
+    print(scene.resolve(keys=[demo.tracks[0].key], limit_s=1) is not None)
+print(sorted({outer!r} & {{name.split(".")[1] for name in sys.modules if name.startswith("conflictdb.")}}))
 """
 
 
@@ -67,16 +93,16 @@ def check(wheel: Path, platform: str) -> bytes:
         return archive.read(LIBRARY)
 
 
-def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
-    """In an environment with the wheel only; its dependencies are on PYTHONPATH."""
+def solves_a_scene(wheel: Path, tmp_path: Path) -> Path:
+    """In an environment with the wheel only, which is returned; its dependencies are on PYTHONPATH."""
     venv = tmp_path / "venv"
     # The pip of this environment, if it has one (uv makes none): unpacking another takes longer than all else here.
     has_pip = find_spec("pip") is not None
     bare = ["--without-pip"] if has_pip else []
-    subprocess.run([sys.executable, "-m", "venv", *bare, str(venv)], check=True, timeout=120)
+    subprocess.run([sys.executable, "-m", "venv", *bare, str(venv)], check=True, timeout=WAIT_S)
     pip = [sys.executable, "-m", "pip", "--python", str(venv)] if has_pip else [str(venv / "bin/python"), "-m", "pip"]
     install = [*pip, "install", "-q", "--disable-pip-version-check", "--no-index", "--no-compile"]
-    subprocess.run([*install, "--no-deps", str(wheel)], check=True, timeout=120)
+    subprocess.run([*install, "--no-deps", str(wheel)], check=True, timeout=WAIT_S)
     environ = {"PATH": "/usr/bin:/bin", "PYTHONPATH": sysconfig.get_path("purelib")}
     done = subprocess.run(
         [str(venv / "bin/python"), "-c", SCENE.format(venv=str(venv))],
@@ -84,16 +110,36 @@ def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=WAIT_S,
         check=False,
     )
     assert (done.stdout, done.stderr) == ("1 CONFLICT\n", "")
     version = [str(venv / "bin/conflictdb"), "--version"]
-    told = subprocess.run(version, env=environ, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True)
+    told = subprocess.run(
+        version, env=environ, cwd=tmp_path, capture_output=True, text=True, timeout=WAIT_S, check=True
+    )
     assert told.stdout.split() == ["conflictdb", wheel.name.split("-")[1]]
+    return venv
 
 
-def test_the_wheel_of_the_sdist_solves_a_scene(tmp_path: Path) -> None:
+def runs_without_outer_rooms(venv: Path, dsn: str) -> None:
+    """The core reads, solves, loads, detects, probes and resolves where nothing of the outer rooms is installed."""
+    (package,) = venv.glob("lib/*/site-packages/conflictdb")
+    for room in OUTER:
+        shutil.rmtree(package / room)
+    done = subprocess.run(
+        [str(venv / "bin/python"), "-c", CORE.format(venv=str(venv), dsn=dsn, extras=EXTRAS, outer=OUTER)],
+        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": sysconfig.get_path("purelib")},
+        cwd=venv,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("True True\nTrue\n[]\n", "")
+
+
+def test_the_wheel_of_the_sdist_solves_a_scene(tmp_path: Path, dsn: str) -> None:
     """It is built without the source tree, by the compiler of this machine, and equals that of the tree."""
     with tarfile.open(built(tmp_path, "sdist")) as archive:
         archive.extractall(tmp_path, filter="data")
@@ -105,7 +151,7 @@ def test_the_wheel_of_the_sdist_solves_a_scene(tmp_path: Path) -> None:
     platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     assert check(wheel, platform) == (ROOT / LIBRARY).read_bytes()
     assert files_of(wheel) == files_of(built(tmp_path / "of the tree"))
-    solves_a_scene(wheel, tmp_path)
+    runs_without_outer_rooms(solves_a_scene(wheel, tmp_path), dsn)
 
 
 def files_of(wheel: Path) -> dict[str, bytes]:

@@ -12,11 +12,12 @@ from types import ModuleType
 import pytest
 
 import conflictdb.cli
+import conflictdb.exchange
 import conflictdb.formats
 import conflictdb.model
 from conflictdb import InvalidInput
+from conflictdb.exchange.notam import read_notam
 from conflictdb.formats import scene_file
-from conflictdb.formats.notam import read_notam
 
 # Each kind of character, and pairs that patterns alternate; with another one before and after.
 SINGLE = [*" \t\n\r0A-/:.,()'°_+;=<\"", "é", "\u2003"]
@@ -27,7 +28,7 @@ _SCANS = ("search", "finditer", "findall", "sub", "subn", "split")
 
 
 def modules() -> Iterator[ModuleType]:
-    for package in (conflictdb.formats, conflictdb.model, conflictdb.cli):
+    for package in (conflictdb.formats, conflictdb.exchange, conflictdb.model, conflictdb.cli):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             with contextlib.suppress(ImportError):  # an extra that is not installed
                 yield importlib.import_module(found.name)

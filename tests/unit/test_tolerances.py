@@ -18,8 +18,8 @@ from conflictdb.drawing.sketch import Sketch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.volumes_writing import in_steps
 from conflictdb.formats.scene_file import read_scene, scene_text
-from conflictdb.formats.volumes_writing import in_steps
 from conflictdb.kernel import KernelScene
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m

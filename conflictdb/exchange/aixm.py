@@ -12,12 +12,12 @@ from math import inf
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.gml import Geometries
+from conflictdb.exchange.timesheets import schedule_of_sheets
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents, Skipped
 from conflictdb.formats.file_heights import height_m
-from conflictdb.formats.gml import Geometries
 from conflictdb.formats.standards import Standard
-from conflictdb.formats.timesheets import schedule_of_sheets
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 

@@ -18,11 +18,11 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, shorter_way_deg
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.operational_intents import EXTENSION
 from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.file_objects import ruled_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
-from conflictdb.formats.operational_intents import EXTENSION
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
 from conflictdb.model.tolerances import PER_LEG

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.gml import Geometries
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents, Remark
-from conflictdb.formats.gml import Geometries
 from conflictdb.formats.routes import A_POINT, Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import number_of, time_of

@@ -10,11 +10,11 @@ from typing import Any, Final
 import shapely
 
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.uas_zones import CODES, EXTENSION, LONGEST_NAME
 from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of
-from conflictdb.formats.uas_zones import CODES, EXTENSION, LONGEST_NAME
 from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 _LONGEST_KEY: Final = 7

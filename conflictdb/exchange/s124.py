@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from conflictdb.errors import InvalidInput
+from conflictdb.exchange.gml import Geometries
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents, Skipped
-from conflictdb.formats.gml import Geometries
 from conflictdb.formats.standards import Standard
 from conflictdb.formats.values_of_xml import time_of
 from conflictdb.formats.xml_text import Element
