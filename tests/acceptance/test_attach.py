@@ -10,14 +10,10 @@ import psycopg
 import pytest
 from commands import runner
 from databases import client_programs
-from patience import until
+from patience import WAIT_S, until
 
 from conflictdb import connect
 from conflictdb.db import schema
-
-WAIT_S = 60.0
-# Until a conflict is known; several times as long as it takes on a machine with nothing else to do.
-CURRENT_WITHIN_S = 1.0
 
 STRANGERS = """
 CREATE EXTENSION postgis;
@@ -100,6 +96,7 @@ def test_a_strangers_tables_are_attached_kept_current_and_left_as_they_were(
         def is_current() -> bool:
             return bool(mission.execute("SELECT bool_and(is_current) FROM conflictdb.scenes").fetchone()[0])  # type: ignore[index]
 
+        # It looks by itself once an hour: whatever is known within the limit, it was told of.
         until(lambda: db.status().worker_count == 1)
         preview = run(*AREAS, AREA_MAP, "--dry-run")
         assert preview.code == 0, preview.err
@@ -113,13 +110,11 @@ def test_a_strangers_tables_are_attached_kept_current_and_left_as_they_were(
         key = str(mission.execute("SELECT md5('1')::uuid").fetchone()[0])  # type: ignore[index]
         north = """UPDATE "Planung"."Sperrgebiete" SET umriss = ST_Transform(ST_Translate(
                        ST_Transform(umriss, 4326), 0, %s), 25832) WHERE "Nr" = 3"""
-        took_s = []
         for step, expected in ((0.35, {("3", key)}), (-0.35, set()), (0.35, {("3", key)})):
             mission.execute(north, [step])
-            took_s.append(until(lambda expected=expected: is_current() and conflicts() == expected))  # type: ignore[misc]
+            until(lambda expected=expected: is_current() and conflicts() == expected)  # type: ignore[misc]
         mission.execute("""DELETE FROM "Planung".wegpunkte WHERE fahrt = md5('1')::uuid""")
-        took_s.append(until(lambda: is_current() and conflicts() == set()))
-        assert min(took_s) < CURRENT_WITHIN_S, took_s
+        until(lambda: is_current() and conflicts() == set())
 
         run("admin", "detach", "--scene", "nordsee", "--table", '"Planung"."Sperrgebiete"')
         assert run("admin", "detach", "--scene", "nordsee", "--table", '"Planung".wegpunkte').code == 0

@@ -17,7 +17,7 @@ import numpy as np
 import psycopg
 import pytest
 from own_server import OwnServer, own_server
-from patience import killed_after
+from patience import WAIT_S, killed_after
 from verdicts import Pair, Reported, by_pair, solved
 from workloads import LOW_LATITUDE, throw
 
@@ -27,7 +27,6 @@ from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict
 
-WAIT_S = 60.0
 # Differences of departures are stored up to this.
 WITHIN_S = 7200.0
 

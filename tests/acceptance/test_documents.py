@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from databases import server_directory
 from forked import forking
+from patience import WAIT_S
 
 from conflictdb import connect, read
 
@@ -42,7 +43,7 @@ def shell(command: str, folder: Path, **more: str) -> str:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=WAIT_S,
         check=False,
     )
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
@@ -54,7 +55,7 @@ def page_served(command: list[str], folder: Path) -> str:
     with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:  # noqa: S310 our own
+            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=WAIT_S) as answer:  # noqa: S310 our own
                 return answer.read().decode()  # type: ignore[no-any-return]
         finally:
             process.terminate()

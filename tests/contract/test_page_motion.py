@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import pytest
 from havens_of_kernel import haven_deg
+from patience import WAIT_S
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, OCEAN, SEAM, Workload, throw
 
 import conflictdb
@@ -35,7 +36,7 @@ def on_page(tmp_path: Path, asked: list[object]) -> list[list[list[list[float]]]
         (tmp_path / f"{name}.mjs").write_text(text)
     (tmp_path / "driver.mjs").write_text(DRIVER)
     command = [str(shutil.which("node")), tmp_path / "driver.mjs"]
-    done = subprocess.run(command, input=json.dumps(asked), capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(command, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT_S, check=True)
     return list(json.loads(done.stdout))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import psycopg
 import pytest
 from city import as_feature, as_plan, asked, flight, keys, square
+from patience import answer_all
 from psycopg import sql
 
 from conflictdb import Database, StoredScene
@@ -86,7 +87,7 @@ def test_requests_are_checked_again_when_they_are_answered(
             conn.commit()
         assert refusal(other, "SELECT conflictdb.wait_for_admission(%s, '1 ms')", requests[0]).startswith("ZC011")
         city.unshare(roles["editor"])
-        assert not probes.answer(db.connection)
+        answer_all(db.connection)
         errors = "SELECT error FROM conflictdb.probe_request ORDER BY probe_id"
         for (error,) in db.connection.execute(errors.encode()).fetchall():
             assert "may not change scene" in error

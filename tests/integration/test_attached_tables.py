@@ -9,6 +9,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import WAIT_S
 
 from conflictdb import connect
 from conflictdb.db import store
@@ -532,12 +533,12 @@ def test_sessions_that_follow_at_the_same_time_take_turns(db: Database, dsn: str
         waiting = pool.submit(db.scene("s").follow)
         do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
         waits = "SELECT EXISTS (SELECT FROM pg_locks WHERE NOT granted AND pid = %s)"
-        until_s = time.monotonic() + 30
+        until_s = time.monotonic() + WAIT_S
         while other.execute(waits, [db.connection.info.backend_pid]).fetchone() != (True,):
             assert time.monotonic() < until_s, "the second does not wait"
             time.sleep(0.01)
         other.commit()
-        waiting.result(timeout=30)
+        waiting.result(timeout=WAIT_S)
     assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-2 * 0.3048)]
     assert ask(db, "SELECT count(*) FROM conflictdb.attached_change") == [0]
 

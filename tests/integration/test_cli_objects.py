@@ -11,6 +11,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, Run
+from patience import WAIT_S
 
 import conflictdb
 
@@ -168,7 +169,7 @@ def test_export_into_a_device_writes_through(run: Run, tmp_path: Path) -> None:
     os.mkfifo(fifo)
     reader = subprocess.Popen(["cat", str(fifo)], stdout=subprocess.PIPE, text=True)
     assert run("export", "--scene", "strait", fifo).code == 0
-    assert json.loads(reader.communicate(timeout=30)[0])["scene"]["name"] == "strait"
+    assert json.loads(reader.communicate(timeout=WAIT_S)[0])["scene"]["name"] == "strait"
     assert fifo.is_fifo()
 
 
@@ -193,7 +194,7 @@ def test_text_is_utf_8_whatever_the_locale(dsn: str, tmp_path: Path) -> None:
         [sys.executable, "-m", "conflictdb", "--dsn", dsn, "load", str(path)],
         env={**os.environ, "PYTHONIOENCODING": "ascii"},
         capture_output=True,
-        timeout=60,
+        timeout=WAIT_S,
         check=True,
     )
     assert done.stdout.decode().startswith("détroit ☂: 11 added")

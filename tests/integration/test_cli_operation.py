@@ -11,6 +11,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, Run, runner
+from patience import WAIT_S
 
 import conflictdb
 from conflictdb.cli import main
@@ -22,7 +23,7 @@ def program(*words: str, **environ: str) -> "subprocess.CompletedProcess[str]":
     """Run a command as a program of its own."""
     command = [sys.executable, "-m", "conflictdb", *words]
     environment = {**os.environ, **environ}
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=WAIT_S, check=False)
 
 
 def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
@@ -171,7 +172,12 @@ def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pyte
 def test_output_into_a_closed_pipe_is_no_traceback(dsn: str) -> None:
     command = f'"{sys.executable}" -m conflictdb --dsn "$DSN" demo | true'
     done = subprocess.run(
-        ["sh", "-c", command], env={**os.environ, "DSN": dsn}, capture_output=True, text=True, timeout=60, check=False
+        ["sh", "-c", command],
+        env={**os.environ, "DSN": dsn},
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
     )
     assert done.stderr == ""
 
@@ -211,7 +217,7 @@ def test_what_the_driver_mutters_is_not_shown() -> None:
         "import logging\nfrom conflictdb.cli import main\nmain(['--dsn', 'host=/nowhere', 'status'])\n"
         "logging.getLogger('psycopg').warning('error ignored in rollback')"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=WAIT_S)
     assert done.stderr.startswith("conflictdb: ")
     assert "error ignored" not in done.stderr
 

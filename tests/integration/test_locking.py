@@ -10,6 +10,7 @@ import psycopg
 import pytest
 import shapely
 from commands import runner
+from patience import WAIT_S
 from psycopg.pq import TransactionStatus
 from scenes import T0_US
 from verdicts import Pair, Reported, by_pair, solved
@@ -25,7 +26,6 @@ from conflictdb.stages.run import run_scene
 
 Conn = psycopg.Connection[Any]
 
-WAIT_S = 30.0
 # The cheapest method: these tests are about the objects and settings that an answer belongs to.
 SCENE = Scene("s", method=Method.SCREEN)
 # Tracks pass through the area, and C 2 km north of it: it is in conflict with A by a separation only.

@@ -28,7 +28,7 @@ import pytest
 import shapely
 from commands import STRAIT, runner
 from map_page import Client, served_page
-from patience import killed_after, until
+from patience import WAIT_S, killed_after, until
 from piecework import load
 from tiles import decode
 
@@ -130,7 +130,7 @@ def test_no_transaction_stays_open(strait: Client, conn: psycopg.Connection[Any]
     conn.autocommit = True
     for path in [*READS[:-1], "/api/pair?a=CABLE&b=nobody"]:
         strait.ask("GET", path)
-        until_s = time.monotonic() + 10.0
+        until_s = time.monotonic() + WAIT_S
         while found := conn.execute(query).fetchall():  # those of the listening connection are short
             assert time.monotonic() < until_s, (path, found)
             time.sleep(0.02)
@@ -368,7 +368,7 @@ def test_the_printed_address_of_this_machine_works(dsn: str, conn: psycopg.Conne
             url = urlsplit(address)
             written = {url.netloc, f"{'[::1]' if ':' in host else host}:{url.port}".lower()}
             for name, status in [*((name, 200) for name in sorted(written)), (f"evil.example:{url.port}", 403)]:
-                connection = HTTPConnection(url.hostname or "", url.port, timeout=30.0)
+                connection = HTTPConnection(url.hostname or "", url.port, timeout=WAIT_S)
                 connection.request("GET", "/api/scene", headers={"Host": name})
                 assert connection.getresponse().status == status, name
                 connection.close()
@@ -416,20 +416,20 @@ def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyP
         thread = threading.Thread(target=listener.listen)
         thread.start()
         try:
-            assert listening.wait(30.0)
-            assert heard.get(timeout=30.0) == OBJECTS  # of the first connection
+            assert listening.wait(WAIT_S)
+            assert heard.get(timeout=WAIT_S) == OBJECTS  # of the first connection
             other.detect(full=True)
             with pytest.raises(Empty):
                 heard.get(timeout=2.0)
             parent.detect(full=True)
-            assert heard.get(timeout=30.0) == CONFLICTS
+            assert heard.get(timeout=WAIT_S) == CONFLICTS
         finally:
             listener.end()
             thread.join()
 
 
 def _stream(client: Client, scene: str) -> tuple[HTTPConnection, HTTPResponse]:
-    connection = HTTPConnection("127.0.0.1", client.url.port, timeout=30.0)
+    connection = HTTPConnection("127.0.0.1", client.url.port, timeout=WAIT_S)
     connection.request("GET", f"/api/events?scene={scene}", headers={"Host": client.host})
     return connection, connection.getresponse()
 
@@ -517,8 +517,8 @@ def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureF
             listens.sendall(f"GET /api/events HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode())
             assert b"200 OK" in listens.recv(1000)
             process.send_signal(signal.SIGINT)
-            assert process.wait(10) == 0
-        assert process.communicate(timeout=10.0) == ("", "")
+            assert process.wait(WAIT_S) == 0
+        assert process.communicate(timeout=WAIT_S) == ("", "")
     run = runner(dsn, capsys)
     taken = run("map", "--scene", "nothing", "--port", "0")
     assert (taken.code, taken.out) == (4, "")
@@ -577,7 +577,7 @@ def test_a_person_at_a_desktop_sees_the_page_opened(monkeypatch: pytest.MonkeyPa
     pictures._open_browser("http://piped/")  # output that is not a terminal
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     pictures._open_browser("http://shown/")
-    assert opened.get(timeout=10) == "http://shown/"
+    assert opened.get(timeout=WAIT_S) == "http://shown/"
 
 
 def test_what_is_shipped_is_what_it_says() -> None:

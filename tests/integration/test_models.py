@@ -10,6 +10,7 @@ import psycopg
 import pytest
 import sqlalchemy
 from geoalchemy2 import Geometry, WKTElement
+from patience import WAIT_S
 from sqlalchemy import func, inspect, select
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session
@@ -159,5 +160,5 @@ def test_a_session_sees_what_it_has_not_written_yet(engine: sqlalchemy.Engine) -
 
 def test_models_name_the_extra_that_they_need() -> None:
     script = "import sys\nsys.modules['geoalchemy2'] = None\nfrom conflictdb import models"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=WAIT_S)
     assert done.stderr.splitlines()[-1].endswith("needs geoalchemy2: pip install 'conflictdb[sqlalchemy]'")

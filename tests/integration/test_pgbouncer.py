@@ -17,7 +17,7 @@ import pytest
 import sqlalchemy
 from city import CITY, asked, keys, square
 from commands import STRAIT, runner
-from patience import until
+from patience import WAIT_S, until
 from psycopg import conninfo
 
 from conflictdb import connect
@@ -26,7 +26,6 @@ from conflictdb.db.worker import Worker
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model.plans import Scene
 
-WAIT_S = 30.0
 PROGRAM = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="PgBouncer did not run: not found (Debian package pgbouncer)")

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import psycopg
 import pytest
 from own_server import OwnServer, own_server
+from patience import WAIT_S
 
 from conflictdb import Area, LockTimeout, connect
 
@@ -84,7 +85,7 @@ def test_workers_find_changes_that_nobody_told_them_of(prepared: OwnServer) -> N
                 conn.tpc_commit()
                 committed_s = time.monotonic()
                 while other.execute(last.encode()).fetchone() == before:
-                    assert time.monotonic() - committed_s < 10.0, "nobody looked"
+                    assert time.monotonic() - committed_s < WAIT_S, "nobody looked"
                     time.sleep(0.02)
             finally:
                 worker.kill()

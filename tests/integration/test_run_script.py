@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 ROOT = Path(__file__).parents[2]
 
@@ -14,7 +15,9 @@ ROOT = Path(__file__).parents[2]
 def run(path: Path, venv: Path, *arguments: str, called: Path = ROOT / "run") -> "subprocess.CompletedProcess[str]":
     """Run ./run, or a link to it, with only the directory `path` on PATH."""
     environ = {"PATH": str(path), "CONFLICTDB_VENV": str(venv)}
-    return subprocess.run([called, *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(
+        [called, *arguments], env=environ, capture_output=True, text=True, timeout=WAIT_S, check=False
+    )
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ import psycopg
 import pytest
 from commands import STRAIT
 from databases import server_directory
-from patience import killed_after
+from patience import WAIT_S, killed_after
 
 from conflictdb import connect, server
 from conflictdb.errors import ServerError
@@ -30,7 +30,7 @@ from conflictdb.server.account import account_for, is_safe_program
 from conflictdb.server.cluster import Cluster
 
 #: Seconds for something that takes milliseconds on an idle machine.
-PATIENCE_S = 60.0
+PATIENCE_S = WAIT_S
 
 USER = """
 import sys

@@ -12,6 +12,7 @@ import psycopg
 import pytest
 from commands import STRAIT, runner
 from own_server import own_server
+from patience import WAIT_S
 
 import conflictdb
 from conflictdb import connect
@@ -21,7 +22,6 @@ from conflictdb.db import store
 
 FILES = Path(conflictdb.__file__).parent / "services"
 PROGRAM = "/opt/conflictdb/bin/conflictdb"
-WAIT_S = 90.0  # pg_cron looks at the beginning of each minute
 
 
 def pending(dsn: str) -> int:

@@ -15,6 +15,7 @@ import pytest
 import sqlalchemy
 from commands import STRAIT, runner
 from databases import server_directory
+from patience import WAIT_S
 from scenes import T0_US
 
 import conflictdb
@@ -25,7 +26,6 @@ from conflictdb.db.worker import Worker
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
 
-WAIT_S = 60.0
 SETTINGS = {
     "DateStyle": "German, DMY",
     "IntervalStyle": "sql_standard",

@@ -15,11 +15,11 @@ import pytest
 from commands import STRAIT, runner
 from databases import server_directory
 from installations import local_server
+from patience import WAIT_S
 
 from conflictdb.cli.codes import DONE, NO_SERVER
 from conflictdb.server.account import account_for
 
-WAIT_S = 60.0
 OPENSSL = shutil.which("openssl")
 KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
 

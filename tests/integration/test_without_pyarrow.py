@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from patience import WAIT_S
+
 from conflictdb import connect
 
 # Runs commands in a process without pyarrow, and prints the exit code and the messages of each.
@@ -54,7 +56,7 @@ def test_without_pyarrow_every_command_that_needs_it_names_the_extra(dsn: str, t
         env=os.environ,
         stdout=subprocess.PIPE,
         check=True,
-        timeout=60,
+        timeout=WAIT_S,
         cwd=tmp_path,
     )
     for (command, _, remedy), done in zip(cases, json.loads(found.stdout), strict=True):

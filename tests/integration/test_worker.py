@@ -16,7 +16,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
-from patience import killed_after, until
+from patience import WAIT_S, killed_after, until
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect
@@ -24,8 +24,6 @@ from conflictdb.db import detect, store
 from conflictdb.db.worker import Worker, _pauses
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model.plans import Scene
-
-WAIT_S = 30.0
 
 
 def load(dsn: str, scene: str) -> None:
@@ -163,15 +161,13 @@ sys.exit(main(["status"]))
 """
 
 
-def test_sigterm_ends_what_does_not_hear_it_within_5_s() -> None:
+def test_sigterm_ends_what_does_not_hear_it() -> None:
     with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
         assert deaf.stdout is not None
         with killed_after(deaf, WAIT_S):
             assert deaf.stdout.readline() == "deaf\n"
-        began = time.monotonic()
         deaf.send_signal(signal.SIGTERM)
         assert deaf.wait(WAIT_S) == 143
-        assert time.monotonic() - began < 5.0
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
+from patience import WAIT_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from conflictdb import connect
@@ -22,7 +23,6 @@ from conflictdb.db import store
 from conflictdb.db.worker import Worker, WorkerState
 from conflictdb.errors import ConflictDBError
 
-WAIT_S = 30.0
 HERE = "127.0.0.1"
 
 

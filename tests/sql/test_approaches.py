@@ -9,6 +9,7 @@ import psycopg
 import pytest
 import scenes
 import shapely
+from patience import WAIT_S
 from scenes import T0_US
 
 from conflictdb.db import store
@@ -93,7 +94,7 @@ def test_what_comes_and_goes_between_near_and_conflict_is_counted_as_conflicts_a
         listener.execute("LISTEN conflictdb")
         store.replace_scene(conn, scene, [BOX], [replace(THROUGH, key="under")], merge=False)
         run = detect(conn, "t", jobs=1)
-        told = next(listener.notifies(timeout=10, stop_after=1))
+        told = next(listener.notifies(timeout=WAIT_S, stop_after=1))
     assert (run.opened, run.changed, run.closed, run.conflicts) == (1, 0, 0, 1)
     assert json.loads(told.payload) == {"scene": "t", "run": run.run_id, "opened": 1, "changed": 0, "closed": 0}
     (conflict,) = store.conflicts(conn, "t")

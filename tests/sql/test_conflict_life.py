@@ -8,6 +8,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import WAIT_S
 from psycopg import sql
 
 from conflictdb.db import detect
@@ -319,7 +320,7 @@ def test_of_two_who_acknowledge_at_once_the_second_waits_and_replaces_the_first(
             while watcher.execute(waits, [second.info.backend_pid]).rowcount == 0:
                 assert not later.done()
         scene.commit()
-        later.result(timeout=10)
+        later.result(timeout=WAIT_S)
     states = rows(scene, "SELECT reason, state FROM conflictdb.acknowledgements ORDER BY acknowledged_at")
     assert states[-2:] == [("first", "ended"), ("second", "holds")]
     assert [state for _, state in states[:-2]] == ["ended"] * before

@@ -4,6 +4,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import WAIT_S
 
 Conn = psycopg.Connection[Any]
 
@@ -138,10 +139,13 @@ def test_changes_and_requests_wake_listeners_once_per_transaction(scene: Conn, d
         scene.commit()
         scene.execute(AREA, ["A", -2, None])
         scene.commit()
-        assert len(list(listener.notifies(timeout=0.3))) == 1
+        scene.execute("NOTIFY conflictdb_request, 'the last'")
+        scene.commit()
+        heard = [one.payload for one in listener.notifies(timeout=WAIT_S, stop_after=2)]
+        assert heard == ["", "the last"]
         assert scene.execute("SELECT request_detection('s'), request_detection('s', true)").fetchone() == (2, 2)
         scene.commit()
-        assert len(list(listener.notifies(timeout=5, stop_after=1))) == 1
+        assert len(list(listener.notifies(timeout=WAIT_S, stop_after=1))) == 1
 
 
 def scene_id(conn: Conn) -> int:

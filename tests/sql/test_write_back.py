@@ -10,6 +10,7 @@ import psycopg
 import pytest
 import shapely
 from numpy.typing import NDArray
+from patience import WAIT_S
 from piecework import load, mark_all, refresh, write_run
 from psycopg.pq import TransactionStatus
 
@@ -321,7 +322,7 @@ def test_listeners_are_told_what_a_detection_changed(conn: Conn, dsn: str, scene
     with psycopg.connect(dsn, autocommit=True) as listener:
         listener.execute("LISTEN conflictdb")
         outcome = detect(conn, scene_id, ALL)
-        (heard,) = listener.notifies(timeout=5, stop_after=1)
+        (heard,) = listener.notifies(timeout=WAIT_S, stop_after=1)
     assert json.loads(heard.payload) == {"scene": "s", "run": outcome.run_id, "opened": 3, "changed": 0, "closed": 0}
 
 

@@ -5,6 +5,7 @@ import shutil
 import time
 from collections.abc import Callable
 
+from patience import WAIT_S
 from playwright.sync_api import Page
 
 Open = Callable[..., Page]
@@ -20,7 +21,7 @@ _NEVER = (
     "OptimizationHints", "NetworkTimeServiceQuerying", "AimEnabled", "PreconnectToSearch",
 )  # fmt: skip
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader", f"--disable-features={','.join(_NEVER)}"]
-_DRAWN_MS = 5_000  # a map that never rests is looked at all the same
+_DRAWN_MS = 30_000  # a map that never rests is looked at all the same
 
 
 def chromium() -> str | None:
@@ -43,7 +44,7 @@ def wait_until(page: Page, holds: str | Callable[[], object]) -> None:
 
     Playwright's own way evaluates texts in the page, which its policy forbids.
     """
-    until_s = time.monotonic() + 20
+    until_s = time.monotonic() + WAIT_S
     while not (page.evaluate(holds) if isinstance(holds, str) else holds()):
         assert time.monotonic() < until_s, holds
         page.wait_for_timeout(50)

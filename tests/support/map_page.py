@@ -12,12 +12,11 @@ from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
-from patience import killed_after
+from patience import WAIT_S, killed_after
 
 from conflictdb.db import store
 from conflictdb.map.serve import PageServer
 
-WAIT_S = 30.0
 # Serves the page of a scene of a database until the end of a test, and returns its address.
 Serve = Callable[[str, str], str]
 

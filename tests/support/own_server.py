@@ -15,13 +15,13 @@ from typing import Any
 
 import psycopg
 from databases import server_directory
+from patience import WAIT_S
 
 from conflictdb import server
 from conflictdb.db import schema
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
 
-WAIT_S = 60.0
 # A commit survives the end of any process, though not of the machine.
 SETTINGS = {"full_page_writes": "on", "synchronous_commit": "on", "listen_addresses": ""}
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import psycopg
 from databases import TestServer
+from patience import WAIT_S
 from psycopg.rows import tuple_row
 
 # Catalogs that say all that a test may add, change or remove in a database.
@@ -97,7 +98,6 @@ FORGET_ALL = """
 SET SESSION AUTHORIZATION DEFAULT; RESET ALL; CLOSE ALL; UNLISTEN *; SELECT pg_advisory_unlock_all();
 DISCARD TEMP; DISCARD SEQUENCES
 """
-WAIT_S = 30.0
 
 
 class ReusedDatabase:

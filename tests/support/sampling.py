@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
+from patience import WAIT_S
 from scenes import FLATTENING, RADIUS_M
 
 from conflictdb.arrays.answers import Contacts
@@ -109,7 +110,7 @@ def _library() -> Any:
         made = Path(directory) / "sampling.so"
         source = Path(__file__).with_name("sampling.c")
         flags = [flag for flag in build.FLAGS if flag != "-O2"]
-        subprocess.run(["cc", *flags, "-O3", "-o", made, source, *build.SHARED], check=True, timeout=120)
+        subprocess.run(["cc", *flags, "-O3", "-o", made, source, *build.SHARED], check=True, timeout=WAIT_S)
         library = ctypes.CDLL(str(made))
     pointer, number = ctypes.c_void_p, ctypes.c_int64
     library.sampling_check.argtypes = [pointer, pointer, number, *[pointer] * 8]

@@ -12,6 +12,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from patience import WAIT_S
 from scene_strategies import assert_same, scenes
 from staged import Staged
 from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
@@ -205,6 +206,6 @@ def test_the_page_shows_what_runs_and_lists_every_column() -> None:
 
 def test_without_pyarrow_the_extra_is_named() -> None:
     script = "import sys; sys.modules['pyarrow'] = None\nimport conflictdb.arrays.arrow.object_rows"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=WAIT_S)
     assert done.returncode == 1
     assert "ConflictDBError: Arrow and Parquet need pyarrow: pip install 'conflictdb[parquet]'" in done.stderr

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from conflictdb.cli import codes, main
 from conflictdb.cli.commands import ENVIRONMENT, GROUPS, build
@@ -134,7 +135,7 @@ def completed(shell_words: Sequence[str], tmp_path: Path, capsys: pytest.Capture
     asked = f"source {script}; COMP_WORDS=({words}); COMP_CWORD={len(shell_words) - 1}; _shtab_conflictdb"
     done = subprocess.run(
         ["bash", "-c", f"{asked} conflictdb {shlex.quote(shell_words[-1])}; printf '%s\\n' \"${{COMPREPLY[@]}}\""],
-        capture_output=True, text=True, check=True, timeout=30,
+        capture_output=True, text=True, check=True, timeout=WAIT_S,
     )  # fmt: skip
     return done.stdout.split()
 

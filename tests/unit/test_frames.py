@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import shapely
+from patience import WAIT_S
 
 from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solve
 from conflictdb.formats import from_frames
@@ -263,7 +264,7 @@ def test_solving_objects_imports_no_frames() -> None:
         "import sys\nfrom conflictdb import solve\nassert solve([], []) == []\n"
         "print(sorted({'pandas', 'geopandas', 'movingpandas', 'geoalchemy2', 'pyproj'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=WAIT_S)
     assert done.stdout.splitlines()[-1] == "[]"
 
 

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from patience import WAIT_S
+
 import conflictdb
 
 PACKAGE = Path(conflictdb.__file__).parent
@@ -42,7 +44,7 @@ def test_help_waits_for_no_library() -> None:
         "try:\n    main(['detect', '--help'])\nexcept SystemExit:\n    pass\n"
         "print(sorted({'numpy', 'scipy', 'shapely', 'psycopg', 'alembic', 'sqlalchemy'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=WAIT_S)
     assert done.stdout.splitlines()[-1] == "[]"
 
 

@@ -2,7 +2,6 @@
 
 import random
 import struct
-import time
 from contextlib import suppress
 from typing import Any
 
@@ -73,10 +72,8 @@ HOSTILE = {
 @pytest.mark.parametrize("name", list(HOSTILE))
 def test_hostile_geometries_are_refused_by_row(name: str) -> None:
     data, rule = HOSTILE[name]
-    began = time.monotonic()
     with pytest.raises(ValueError, match=f"^row 8 .*{rule}.*; write the file again"):
         wkb.decoded([SQUARE.wkb, data], 7)
-    assert time.monotonic() - began < 5.0
 
 
 def test_any_bytes_are_decoded_or_refused() -> None:

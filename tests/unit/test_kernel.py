@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from patience import WAIT_S
 from staged import Staged
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
@@ -280,7 +281,7 @@ def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path, programs
         env=nothing,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=WAIT_S,
         check=False,
     )
     assert done.returncode == 1
@@ -294,7 +295,7 @@ def test_run_and_build_know_the_library_of_these_sources_by_the_same_fingerprint
     function = re.search(r"^kernel_fingerprint\(\) \(.*?^\)$", (root / "run").read_text(), re.DOTALL | re.MULTILINE)
     assert function
     script = f"kernel={build.HERE}\n{function.group()}\nkernel_fingerprint"
-    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=WAIT_S, check=True)
     assert done.stdout.strip() == build.fingerprint()
     assert build.is_current()
 
@@ -350,7 +351,9 @@ def test_only_functions_of_the_header_are_exported() -> None:
     if not shutil.which("nm"):
         pytest.skip("no nm here")
     options = ["-gU"] if sys.platform == "darwin" else ["-D", "--defined-only"]
-    listed = subprocess.run(["nm", *options, build.library()], capture_output=True, text=True, timeout=60, check=True)
+    listed = subprocess.run(
+        ["nm", *options, build.library()], capture_output=True, text=True, timeout=WAIT_S, check=True
+    )
     exported = {line.split()[-1].split("@")[0] for line in listed.stdout.splitlines() if line.split()[-2] != "A"}
     # Linkers add names with an underscore in front, as does every C symbol on macOS.
     own = {name.removeprefix("_") if sys.platform == "darwin" else name for name in exported}

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_planes import Polygon, Vector
+from patience import WAIT_S
 
 from conflictdb.kernel import build
 from conflictdb.kernel.library import shared
@@ -20,11 +21,11 @@ def test_runs_find_what_all_sides_and_vertices_show(tmp_path: Path, sanitizers: 
     """For ellipses, slivers, sides of many vertices, hulls, dents, repeated vertices, lines and points, moved."""
     program = tmp_path / "compare_runs"
     command = ["cc", *build.FLAGS, "-g", *sanitizers, "-o", program, SUPPORT / "compare_runs.c"]
-    compiled = subprocess.run([*command, *SOURCES, "-lm"], capture_output=True, text=True, timeout=120, check=False)
+    compiled = subprocess.run([*command, *SOURCES, "-lm"], capture_output=True, text=True, timeout=WAIT_S, check=False)
     if compiled.returncode and sanitizers:
         pytest.skip("the compiler here has no sanitizers")
     assert compiled.returncode == 0, compiled.stderr
-    done = subprocess.run([program, "60", "1"], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([program, "60", "1"], capture_output=True, text=True, timeout=WAIT_S, check=False)
     assert done.returncode == 0, done.stderr
     measures, same, worst = done.stdout.split()
     assert int(same) > 0.95 * int(measures) > 100
@@ -47,10 +48,10 @@ def test_steps_grow_as_the_number_of_vertices_does(tmp_path: Path) -> None:
     )
     flags = [flag for flag in build.FLAGS if not flag.startswith("-O")]
     subprocess.run(
-        ["cc", "-fPIC", f"-I{build.HERE}", "-c", counter, "-o", tmp_path / "counter.o"], check=True, timeout=120
+        ["cc", "-fPIC", f"-I{build.HERE}", "-c", counter, "-o", tmp_path / "counter.o"], check=True, timeout=WAIT_S
     )
     command = ["cc", *flags, "-O1", "-fPIC", "-shared", "-fsanitize-coverage=trace-pc", *SOURCES]
-    subprocess.run([*command, tmp_path / "counter.o", "-o", counted, "-lm"], check=True, timeout=120)
+    subprocess.run([*command, tmp_path / "counter.o", "-o", counted, "-lm"], check=True, timeout=WAIT_S)
     library = ctypes.CDLL(str(counted))
     library.polygon_nearest.restype, library.polygon_separation.restype = ctypes.c_double, Gap
     sizes = (ctypes.c_longlong * 2).in_dll(library, "sizes")

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from io import StringIO
 
 import pytest
+from patience import WAIT_S
 
 from conflictdb import Conflict
 from conflictdb.cli import meter, output, tables
@@ -65,11 +66,10 @@ def test_a_phase_says_how_long_it_will_last(given: tuple[str, int, int, float], 
 
 def test_long_phases_are_shown_and_short_ones_are_not(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
     _, err = terminal(80)
-    with meter.shown_phases({"long": 100}, after_s=0.2, every_s=0.01) as phase:
+    with meter.shown_phases({"long": 100}, after_s=2.0, every_s=0.01) as phase:
         phase("short", 0, 0)
-        time.sleep(0.05)
         phase("long", 50, 0)
-        until = time.monotonic() + 10
+        until = time.monotonic() + WAIT_S
         while "long" not in err.getvalue() and time.monotonic() < until:
             time.sleep(0.01)
         output.remark("in between")

@@ -7,6 +7,7 @@ import time
 from threading import Event
 
 import pytest
+from patience import WAIT_S
 
 from conflictdb.kernel.library import shared
 from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
@@ -79,7 +80,7 @@ def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
 
 
 def test_an_interrupt_while_it_waits_is_that_interrupt() -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=WAIT_S)
     assert (done.returncode, done.stdout, done.stderr) == (0, "[]\n", "")
 
 
