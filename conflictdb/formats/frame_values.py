@@ -96,6 +96,7 @@ class _Column:
         self.who = who
         self.zone = zone
         self.is_instant = lower in INSTANTS
+        self.is_end = lower == "end"  # a date contains its day
         self.is_member = lower in _MEMBERS
         self.takes_texts = not self.is_member or lower in _TEXTS
         self.is_schedule = lower == "schedule"
@@ -130,9 +131,12 @@ class _Column:
             value = value.astype("datetime64[us]").item()
             if not isinstance(value, datetime):
                 raise InvalidInput(self.who, where, "must lie in the years 1 to 9999")
-        if self.is_instant and isinstance(value, datetime):
+        if self.is_instant and not isinstance(value, datetime):
+            midnight = datetime(value.year, value.month, value.day)
+            return self.zone.text(self.who, where, midnight + timedelta(days=self.is_end))
+        if self.is_instant:
             return self.zone.text(self.who, where, value)
-        if self.is_instant or self.takes_texts:
+        if self.takes_texts:
             return value.isoformat()
         raise self._refusal(where, value)
 

@@ -85,8 +85,9 @@ def read(
     """Return the contents of a file.
 
     Scene files, OGC Moving Features, UAS zones and operational intents (.geojson, .json, .mfjson), positions (.csv,
-    .tsv), routes, airspaces and warnings in XML (.rtz, .s421, .xml, .gml), each also compressed (.gz); GeoParquet
-    (.parquet, .geoparquet), also as a directory of parts; areas and tracks of any other format that OGR opens.
+    .tsv), routes, airspaces and warnings in XML (.rtz, .s421, .xml, .gml), NOTAM (.txt, .notam), OpenAir (.txt,
+    .openair, .air), each also compressed (.gz); GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas
+    and tracks of any other format that OGR opens.
 
     Parameters
     ----------

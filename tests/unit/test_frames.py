@@ -23,6 +23,7 @@ from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solv
 from conflictdb.formats import from_frames
 from conflictdb.formats.conflict_text import APPROACH_COLUMNS, COLUMNS
 from conflictdb.formats.frame_values import TimeZone
+from conflictdb.formats.instants import parse_instant
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Approach, Conflict, interval_text
 
@@ -513,3 +514,17 @@ def test_heights_of_trajectories_are_those_at_the_ends_of_each_leg(movingpandas:
     boxes = [Area(key, shapely.box(lon - 1e-3, 57.79, lon + 1e-3, 57.81), floor_m=91.0) for key, lon in places.items()]
     collection = movingpandas.TrajectoryCollection(climbing, "ship")
     assert [one.a_key for one in solve(collection, boxes, time_zone="UTC")] == ["late"]
+
+
+def test_dates_of_frames_are_whole_days_of_the_zone() -> None:
+    """They were refused, also with a zone; an end contains its day, as in files."""
+    frame = geopandas.GeoDataFrame(
+        {"id": ["Z"], "start": [date(2026, 6, 1)], "end": [date(2026, 6, 2)]},
+        geometry=[shapely.box(9.0, 57.0, 9.2, 57.2)],
+        crs=4326,
+    )
+    (area,) = from_frames.areas_of(frame, Scene("s"), TimeZone("Europe/Copenhagen"))
+    assert area.start_us == parse_instant("2026-05-31T22:00:00Z")
+    assert area.end_us == parse_instant("2026-06-02T22:00:00Z")
+    with pytest.raises(InvalidInput, match="end: has no time zone"):
+        from_frames.areas_of(frame, Scene("s"), TimeZone(None))
