@@ -10,9 +10,10 @@ from conflictdb.db import store
 from conflictdb.db.near import members, members_near, require_within, world_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory.index import Member, Members, by_kind, conflicts_between
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Admission, Conflict, Results, Verdict
+from conflictdb.stages.conflicts_between import conflicts_between
+from conflictdb.stages.members import Member, Members, by_kind
 
 # From the mildest verdict to the worst.
 _SEVERITY: Final = (Verdict.GRAZING, Verdict.UNRESOLVED, Verdict.CONFLICT)

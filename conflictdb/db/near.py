@@ -16,11 +16,11 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.expansion import activations
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory.index import Member, Members, by_kind
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Kind, SceneState
+from conflictdb.stages.members import Member, Members, by_kind
 from conflictdb.stages.world import World, has_schedules, horizon, is_beyond, touched
 
 

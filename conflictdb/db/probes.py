@@ -25,10 +25,11 @@ from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
-from conflictdb.in_memory.index import Members, by_kind, conflicts_between
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import LINES, Area, Track, check_datums, check_legs
 from conflictdb.model.results import Conflict, Kind, Listing
+from conflictdb.stages.conflicts_between import conflicts_between
+from conflictdb.stages.members import Members, by_kind
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.run import run_scene

@@ -6,10 +6,9 @@ come too close in size are merged. A tree never changes, so questions need no lo
 """
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, Self
 
@@ -17,31 +16,23 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.distinct import distinct
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory.questions import Objects
-from conflictdb.kernel.boxes import BoxTree, HeldBoxes, RowBoxes
-from conflictdb.kernel.bundles import boxes_of
+from conflictdb.kernel.boxes import BoxTree, HeldBoxes
 from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import Window
-from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.model.results import Conflict, Results
 from conflictdb.model.rules import check_word
-from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.near import Chunk, Question
-from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_scene
-from conflictdb.stages.stage1_broad_phase import pairs_together
-from conflictdb.stages.to_results import to_results
-from conflictdb.stages.world import World, has_schedules, horizon, hull, occupy, touched
+from conflictdb.stages.conflicts_between import conflicts_of
+from conflictdb.stages.members import Member, Members, Plan, by_kind
+from conflictdb.stages.near import Together, boxes_within
+from conflictdb.stages.world import World, has_schedules, horizon, hull, touched
 
-Plan = Area | Track
 _NO_TRACKS: Final = TrackBatch.of([])
 # The fields of plans that count.
 _AREA_FIELDS, _TRACK_FIELDS = (
@@ -171,7 +162,7 @@ class Index:
         scene = world.setup.scene
         mine = self._cut.members(world, given)
         keys = {one.key for one in given}
-        boxes, met = _boxes(scene, mine.pieces), _Met(mine)
+        boxes, met = boxes_within(scene.longest_time_us, mine.pieces), Together(mine)
         if owner is None:
             met.add_among(boxes)
         plans_of, held = {one.key: one for one in given}, HeldBoxes.of(boxes)
@@ -191,7 +182,7 @@ class Index:
             plans_of |= {one.plan.key: one.plan for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
             met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
-        conflicts = met.conflicts(world.setup)
+        conflicts = conflicts_of(world.setup, met)
         if conflicts:
             shown: list[Plan] = [one for kind in world.expanded(*by_kind([*plans_of.values()])) for one in kind]
             origin = Objects(scene, {one.key: one for one in shown})
@@ -294,7 +285,7 @@ class _Put(NamedTuple):
     object_of: NDArray[np.int32]
     objects: list[_Object]
 
-    def member(self, k: int) -> "Member":
+    def member(self, k: int) -> Member:
         return Member.of(self.objects[k].plan)
 
     @classmethod
@@ -323,7 +314,7 @@ class _Level(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, put: _Put) -> "_Level":
-        return cls(BoxTree(_boxes(scene, put.pieces)), put)
+        return cls(BoxTree(boxes_within(scene.longest_time_us, put.pieces)), put)
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,30 +378,6 @@ class _Extra:
         return cls(state.number, window, (_Level.of(scene, added),), instead)
 
 
-class _Given:
-    """Given pairs as a source; objects are numbered as in `members`, by kind."""
-
-    def __init__(self, pieces: Pieces, a: PieceRows, b: PieceRows, members: "Mapping[Kind, list[Member]]") -> None:
-        self._pieces, self._a, self._b, self._members = pieces, a, b, members
-
-    def pairs(self, _: Question) -> Iterator[Chunk]:
-        number = object_numbers(self._pieces)
-        for rows in chunks_of_objects(number[self._a], number[self._b], DEFAULT_MEMORY.pairs):
-            yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))
-
-    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        found = np.empty(len(area_ids), dtype=object)
-        found[:] = [self._members[Kind.AREA][number].footprint for number in area_ids.tolist()]
-        return found
-
-    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
-        found = _NO_TRACKS
-        for number in track_ids.tolist():
-            plan = self._members[Kind.TRACK][number].plan
-            found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
-        return found
-
-
 def listed(who: str, plans: Any) -> list[Plan]:
     """Return a plan, or several, as a list; raises InvalidInput for anything else."""
     given = list(plans) if isinstance(plans, Sequence) and not isinstance(plans, str) else [plans]
@@ -420,67 +387,6 @@ def listed(who: str, plans: Any) -> list[Plan]:
     if not given:
         raise InvalidInput(who, "plan", "must be an Area or a Track, or several; got none")
     return given
-
-
-def by_kind(plans: Sequence[Plan]) -> tuple[list[Area], list[Track]]:
-    """Return the areas and the tracks of some plans."""
-    return [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
-
-
-class Member(NamedTuple):
-    """One object, as far as conflicts show it: an area its footprint, a track its plan. owner : None: no owner."""
-
-    kind: Kind
-    key: str
-    name: str | None
-    footprint: Any = None
-    owner: str | None = None
-    plan: Callable[[], TrackBatch] | None = None
-
-    @classmethod
-    def of(cls, plan: Plan) -> Self:
-        """Return a plan as a member."""
-        if isinstance(plan, Area):
-            return cls(Kind.AREA, plan.key, plan.name, plan.footprint, plan.owner)
-        # Plans that repeat have no tolerances, for which it is read.
-        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner, partial(TrackBatch.of, [plan], once=True))
-
-
-class Members(NamedTuple):
-    """Some objects and their pieces; of : (n,) the place in `each` of the object of a piece."""
-
-    pieces: Pieces
-    of: NDArray[np.int64]
-    each: list[Member]
-
-    @classmethod
-    def of_plans(cls, world: World, plans: Sequence[Plan], *, warns: bool = False) -> Self:
-        """Return plans; raises InvalidInput for those that do not fit the scene's plane; warns : as of `occupy`."""
-        areas, tracks = by_kind(plans)
-        places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = occupy(world, areas, tracks, warns=warns).pieces
-        row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
-        return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
-
-    @classmethod
-    def of_batches(
-        cls, setup: Setup, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
-    ) -> Self:
-        """Return stored objects; those that cannot be cut are covered.
-
-        known : without footprints and plans, by kind and id
-        """
-        pieces = pieces_of(setup, areas, tracks)
-        each: list[Member] = []
-        place: dict[tuple[int, int], int] = {}
-        for k, number in enumerate(areas.area_id.tolist()):
-            place[Kind.AREA.code, number] = len(each)
-            each.append(known[Kind.AREA.code, number]._replace(footprint=areas.footprint[k]))
-        for k, number in enumerate(tracks.track_id.tolist()):
-            place[Kind.TRACK.code, number] = len(each)
-            each.append(known[Kind.TRACK.code, number]._replace(plan=partial(tracks.take, np.array([k]))))
-        ids = zip(pieces.kind.tolist(), pieces.object_id.tolist(), strict=True)
-        return cls(pieces, np.array([place[one] for one in ids], np.int64), each)
 
 
 class _LastCut(threading.local):
@@ -514,97 +420,3 @@ def _value(given: Any) -> Any:
     if isinstance(given, np.ndarray):
         return given.tobytes(), given.shape
     return deepcopy(dict(given)) if isinstance(given, Mapping) else given
-
-
-def conflicts_between(setup: Setup, mine: Members, others: Members, *, among: bool = False) -> list[Conflict]:
-    """Return the conflicts of some objects with others of other owners, as `solve` finds them.
-
-    among : also those with each other
-    """
-    boxes, met = _boxes(setup.scene, mine.pieces), _Met(mine)
-    if among:
-        met.add_among(boxes)
-    met.add(
-        others.pieces, others.of, others.each.__getitem__, *BoxTree(_boxes(setup.scene, others.pieces)).pairs(boxes)
-    )
-    return met.conflicts(setup)
-
-
-class _Met:
-    """Pairs of pieces whose boxes meet, collected from several sources; of one owner none is kept."""
-
-    def __init__(self, mine: Members) -> None:
-        self._members = list(mine.each)
-        self._pieces, self._of = [mine.pieces], [mine.of]
-        self._a: list[NDArray[np.int64]] = []
-        self._b: list[NDArray[np.int64]] = []
-        self._count = len(mine.pieces)
-
-    def add_among(self, boxes: RowBoxes) -> None:
-        """Add pairs of the first objects with each other; boxes : of their pieces."""
-        if len(self._members) > 1:
-            first, second = BoxTree(boxes).pairs(boxes)
-            once = self._of[0][first] < self._of[0][second]
-            self._a.append(first[once])
-            self._b.append(second[once])
-
-    def add(
-        self,
-        pieces: Pieces,
-        of: NDArray[np.integer[Any]],
-        describe: Callable[[int], Member],
-        first: NDArray[np.int64],
-        second: NDArray[np.int64],
-    ) -> None:
-        """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
-        if not len(second):
-            return
-        rows, place = distinct(second)
-        numbers, of_row = distinct(of[rows])
-        self._a.append(first)
-        self._b.append(place + self._count)
-        self._pieces.append(pieces.take(rows))
-        self._of.append(of_row + len(self._members))
-        self._members += [describe(k) for k in numbers.tolist()]
-        self._count += len(rows)
-
-    def conflicts(self, setup: Setup) -> list[Conflict]:
-        """Return the conflicts, by the stages and in the order of `solve`."""
-        if not self._a:
-            return []
-        a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
-        names = {one.owner: k for k, one in enumerate(self._members) if one.owner is not None}
-        owner = np.array([-1 - k if m.owner is None else names[m.owner] for k, m in enumerate(self._members)])[of]
-        others = owner[a] != owner[b]
-        a, b = a[others], b[others]
-        # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose
-        # answer may depend on it in the last digits.
-        ids = np.empty(len(self._members), np.int64)
-        members: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
-        named: dict[tuple[int, int], tuple[str, str | None]] = {}
-        for kind in Kind:
-            rows = [k for k, one in enumerate(self._members) if one.kind is kind]
-            for number, k in enumerate(sorted(rows, key=lambda k: self._members[k].key.encode())):
-                one = self._members[k]
-                ids[k], named[kind.code, number] = number, (one.key, one.name)
-                members[kind].append(one)
-        pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
-        numbers = object_numbers(pieces)
-        order = np.lexsort((-pieces.turn, pieces.part, numbers))
-        place = np.empty(len(order), np.int64)
-        place[order] = np.arange(len(order))
-        is_first = numbers[a] < numbers[b]
-        pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
-        a, b = pairs_together(pieces.meeting_within(setup.scene.longest_time_us), PieceRows(a), PieceRows(b))
-        order = np.lexsort((b, a))
-        source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), members)
-        parts = [part for part, _ in run_scene(setup, source)]
-        return to_results(setup.scene, named, Conflicts.concatenate(parts)) if parts else []
-
-
-def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:
-    spans = pieces.meeting_within(scene.longest_time_us)
-    bands = pieces.floor_m, pieces.ceiling_m
-    return RowBoxes(
-        boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
-    )

@@ -12,12 +12,13 @@ from conflictdb.db.detect import detect
 from conflictdb.db.track_delays import read_around
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.in_memory.index import Members, conflicts_between
 from conflictdb.map.content import to_json
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
 from conflictdb.session import loading
+from conflictdb.stages.conflicts_between import conflicts_between
+from conflictdb.stages.members import Members
 from conflictdb.stages.world import Reach, World
 
 

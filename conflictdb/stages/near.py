@@ -1,24 +1,31 @@
 """Which pairs of pieces may meet: one question (`Question`), put to a source of pairs (`PairSource`).
 
-`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`db.sources`).
+`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`Stored` of `db.sources`).
+`Together` has given plans beside others.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cached_property
-from typing import Final, NamedTuple, Protocol, Self
+from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.kernel.boxes import BoxTree, RowBoxes
+from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.members import Member, Members
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of, pairs_together
 
 _Ints = NDArray[np.int64]
 
@@ -195,3 +202,104 @@ class Memory:
             found.append((a[met], b[met]))
         a, b = (np.concatenate(some) for some in zip(*found, strict=True))
         return PieceRows(a), PieceRows(b)
+
+
+class Together:
+    """Pieces of given plans with those of others: pairs whose boxes meet, collected; of one owner none is kept.
+
+    named : key and name of each object, by kind and number, once there are pairs
+    """
+
+    def __init__(self, mine: Members) -> None:
+        self._members = list(mine.each)
+        self._pieces, self._of = [mine.pieces], [mine.of]
+        self._a: list[NDArray[np.int64]] = []
+        self._b: list[NDArray[np.int64]] = []
+        self._count = len(mine.pieces)
+        self._by_number: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
+        self.named: dict[tuple[int, int], tuple[str, str | None]] = {}
+
+    def add_among(self, boxes: RowBoxes) -> None:
+        """Add pairs of the first objects with each other; boxes : of their pieces."""
+        if len(self._members) > 1:
+            first, second = BoxTree(boxes).pairs(boxes)
+            once = self._of[0][first] < self._of[0][second]
+            self._a.append(first[once])
+            self._b.append(second[once])
+
+    def add(
+        self,
+        pieces: Pieces,
+        of: NDArray[np.integer[Any]],
+        describe: Callable[[int], Member],
+        first: NDArray[np.int64],
+        second: NDArray[np.int64],
+    ) -> None:
+        """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
+        if not len(second):
+            return
+        rows, place = distinct(second)
+        numbers, of_row = distinct(of[rows])
+        self._a.append(first)
+        self._b.append(place + self._count)
+        self._pieces.append(pieces.take(rows))
+        self._of.append(of_row + len(self._members))
+        self._members += [describe(k) for k in numbers.tolist()]
+        self._count += len(rows)
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Implement `PairSource`: numbered by key, seam copies beside their originals, and the smaller number first.
+
+        So does `solve`, whose answer may depend on it in the last digits.
+        """
+        if not self._a:
+            return
+        a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
+        names = {one.owner: k for k, one in enumerate(self._members) if one.owner is not None}
+        owner = np.array([-1 - k if m.owner is None else names[m.owner] for k, m in enumerate(self._members)])[of]
+        others = owner[a] != owner[b]
+        a, b = a[others], b[others]
+        ids = np.empty(len(self._members), np.int64)
+        self._by_number = {kind: [] for kind in Kind}
+        for kind in Kind:
+            rows = [k for k, one in enumerate(self._members) if one.kind is kind]
+            for number, k in enumerate(sorted(rows, key=lambda k: self._members[k].key.encode())):
+                one = self._members[k]
+                ids[k], self.named[kind.code, number] = number, (one.key, one.name)
+                self._by_number[kind].append(one)
+        pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
+        numbers = object_numbers(pieces)
+        order = np.lexsort((-pieces.turn, pieces.part, numbers))
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        is_first = numbers[a] < numbers[b]
+        pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
+        a, b = pairs_together(pieces.meeting_within(question.within_us), PieceRows(a), PieceRows(b))
+        numbers = numbers[order]
+        order = np.lexsort((b, a))
+        a, b = a[order], b[order]
+        for some in chunks_of_objects(numbers[a], numbers[b], DEFAULT_MEMORY.pairs):
+            yield Chunk(pieces, PieceRows(a[some]), PieceRows(b[some]))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        found = np.empty(len(area_ids), dtype=object)
+        found[:] = [self._by_number[Kind.AREA][number].footprint for number in area_ids.tolist()]
+        return found
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        found = _NO_OBJECTS[1]
+        for number in track_ids.tolist():
+            plan = self._by_number[Kind.TRACK][number].plan
+            found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
+        return found
+
+
+def boxes_within(within_us: int, pieces: Pieces) -> RowBoxes:
+    """Return the boxes of pieces, each a row, that meet if they are at most `within_us` apart in time."""
+    spans = pieces.meeting_within(within_us)
+    bands = pieces.floor_m, pieces.ceiling_m
+    return RowBoxes(
+        boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
+    )
