@@ -31,8 +31,8 @@ import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
 from conflictdb.cli.parser import Parser
-from conflictdb.exchange import aixm, notam, operational_intents, s124, s421, uas_zones
-from conflictdb.formats import file_objects, gpx, kml_document, moving_features, openair, positions, rtz
+from conflictdb.exchange import aixm, notam, openair, operational_intents, s124, s421, uas_zones
+from conflictdb.formats import file_objects, gpx, kml_document, moving_features, positions, rtz
 from conflictdb.formats.standards import Standard
 from conflictdb.model import path_limits, record
 

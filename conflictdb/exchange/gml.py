@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.arcs import Arc, joined, outward
+from conflictdb.exchange.arcs import Arc, joined, outward
 from conflictdb.formats.areas_of_files import Gathered, along_shortest_lines
 from conflictdb.formats.discs import MAX_RADIUS_M
 from conflictdb.formats.values_of_xml import number_of

@@ -42,7 +42,6 @@ from conflictdb.formats.contents import (
 )
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
-from conflictdb.formats.openair import is_openair, read_openair
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
@@ -294,6 +293,7 @@ def _read_xml(file: _File) -> Contents:
 
 
 def _read_notam(file: _File) -> Contents:
+    is_openair = of_exchange("openair", "is_openair")
     text = file.text(is_latin_1=is_openair)
     if is_openair(text):
         return _openair(file, text)
@@ -306,7 +306,9 @@ def _read_openair(file: _File) -> Contents:
 
 
 def _openair(file: _File, text: str) -> Contents:
-    return read_openair(text, str(file.path), stem=stem(file.path), skip_invalid=file.skip_invalid)
+    read_openair = of_exchange("openair", "read_openair")
+    contents: Contents = read_openair(text, str(file.path), stem=stem(file.path), skip_invalid=file.skip_invalid)
+    return contents
 
 
 def _read_ogr(file: _File) -> Contents:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.shortest_lines import NoShortestLineError, length_and_azimuth
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.arcs import Arc, joined, outward
+from conflictdb.exchange.arcs import Arc, joined, outward
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents, Remark, Skipped, row_id
 from conflictdb.formats.discs import MAX_RADIUS_M
