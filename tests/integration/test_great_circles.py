@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import geopandas
 import pytest
 import shapely
 
@@ -106,3 +107,20 @@ def test_what_is_too_far_is_named_before_anything_is_written(dsn: str, tmp_path:
 
 def read_back(db: Any, scene: str) -> list[Any]:
     return json.loads(db.scene(scene).text())["features"]
+
+
+@pytest.mark.parametrize("name", ["zone.geojson", "zone.parquet"])
+def test_long_sides_of_a_foreign_file_follow_great_circles(dsn: str, tmp_path: Path, name: str) -> None:
+    """A ship 40 km north of the side along 60 N is outside, though the great circle between its ends is north of it."""
+    scene = {"name": "s", "motion": "great_circle", "centre": [15, 55]}
+    ring = [[0, 50], [30, 50], [30, 60], [0, 60], [0, 50]]
+    frame = geopandas.GeoDataFrame({"id": ["Z"]}, geometry=[shapely.Polygon(ring)], crs=4326)
+    (frame.to_parquet if name.endswith("parquet") else frame.to_file)(tmp_path / name)
+    with connect(dsn) as db:
+        db.load(write(tmp_path / "ship.geojson", scene, {"T": sail((14, 60.36), (16, 60.36))}))
+        with pytest.warns(UserWarning, match="vertices are added along them, which exports have"):
+            db.load(tmp_path / name, "s")
+        db.scene("s").detect()
+        assert list(db.scene("s").conflicts()) == []
+        (zone,) = [one for one in read_back(db, "s") if one["id"] == "Z"]
+        assert len(zone["geometry"]["coordinates"][0]) > 100
