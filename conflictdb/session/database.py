@@ -21,6 +21,7 @@ from conflictdb.errors import (
     SchemaOutdated,
     ServerError,
     StoreError,
+    said_once,
 )
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.formats.hints import FileHints
@@ -218,7 +219,8 @@ class Database:
         Warns
         -----
         UserWarning
-            For each remark (valid input that is probably unintended), and for each object that was left out.
+            For each remark (valid input that is probably unintended) and each object that was left out; for more than
+            three of one reason once.
         """
         loaded = self.load_files(
             [path],
@@ -229,8 +231,10 @@ class Database:
             skip_invalid=skip_invalid,
             hints=hints,
         )[0]
-        for one in (*loaded.remarks, *loaded.invalid):
-            warnings.warn(str(one), UserWarning, stacklevel=2)
+        remarks = [(one.source, one.key, one.text) for one in loaded.remarks]
+        left_out = [(one.source, one.key, one.reason) for one in loaded.invalid]
+        for text in (*said_once(remarks), *said_once(left_out, "left out ")):
+            warnings.warn(text, UserWarning, stacklevel=2)
         return self.scene(loaded.scene)
 
     def load_files(

@@ -326,3 +326,23 @@ def test_attach_in_python_warns_of_times_that_are_not_read(db: conflictdb.Databa
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         db.scene("strait").preview_attachment("area", "plan", {**mapped, "start": "valid_from"})
+
+
+def test_one_reason_of_many_left_out_objects_is_one_warning(dsn: str, tmp_path: Path) -> None:
+    square = {"type": "Polygon", "coordinates": [[[9, 57], [10, 57], [10, 58], [9, 58], [9, 57]]]}
+    ends = ["2026-06-02T00:00:00Z", *["2026-05-01T00:00:00Z"] * 5]
+    features = [
+        {
+            "type": "Feature",
+            "id": f"A{i}",
+            "geometry": square,
+            "properties": {"start": "2026-06-01T00:00:00Z", "end": end},
+        }
+        for i, end in enumerate(ends)
+    ]
+    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area 'A1'") as told:
+        db.load(tmp_path / "a.geojson", "s", skip_invalid=True)
+    said = [str(one.message) for one in told if "left out" in str(one.message)]
+    assert len(said) == 1
+    assert said[0].endswith("(and 4 more: 'A2', 'A3', 'A4', 'A5')")
