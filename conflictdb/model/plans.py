@@ -680,7 +680,7 @@ def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
 def _check_growth(who: str, track: Track) -> None:
     speed = track.grow_mps
     if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0.0 <= speed <= MAX_GROWTH_MPS:
-        rule = f"must be a number of metres per second from 0 to {MAX_GROWTH_MPS:g}; got {speed!r}"
+        rule = f"must be a number of metres per second from 0 to 1e6; got {speed!r}"  # MAX_GROWTH_MPS, as in SQL
         raise InvalidInput(who, "grow_mps", f"{rule} (a haven that shrinks takes outlines_m)")
     if track.outlines_m is not None:
         raise InvalidInput(who, "grow_mps", "must not be given together with outlines_m")

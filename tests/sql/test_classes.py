@@ -38,22 +38,6 @@ def test_a_change_is_a_new_version_with_a_mark(conn: Conn, table: str, column: s
     assert conn.execute("SELECT count(*) FROM conflictdb.change").fetchone() == (1,)
 
 
-@pytest.mark.parametrize(
-    ("member", "word", "message"),
-    [
-        ("p_class", "''", "class: must be a text of 1 to 200 bytes"),
-        ("p_owner", "''", "owner: must be a text of 1 to 200 bytes"),
-        ("p_class", "repeat('x', 201)", "class: must be a text of 1 to 200 bytes"),
-        ("p_class", "'track'", "class: must not be 'track', which separation rules use for all tracks"),
-    ],
-)
-def test_words_that_name_nothing_are_refused(conn: Conn, member: str, word: str, message: str) -> None:
-    conn.execute("SELECT conflictdb.create_scene('s')")
-    with pytest.raises(psycopg.Error, match=message) as refused:
-        conn.execute(f"SELECT conflictdb.put_area('s', 'A', {BOX}, {member} => {word})")
-    assert refused.value.sqlstate == "ZC008"
-
-
 def test_an_attached_table_may_give_them(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.create_scene('s')")
     conn.execute("CREATE TABLE public.zones (id text PRIMARY KEY, geom geometry, sort text, unit text)")

@@ -1,4 +1,7 @@
-"""Every kind of bad input is refused with one error that names file, object, field and rule; nothing is half-loaded."""
+"""Every kind of bad input is refused with one error that names file, object, field and rule; nothing is half-loaded.
+
+Values that every way in can carry are in tests/integration/test_refusals.py.
+"""
 
 import copy
 import gzip
@@ -57,12 +60,7 @@ AREA = [
     ({"geometry": {"type": "MultiPolygon", "coordinates": [SQUARE]}}, "@[0][0][0]", "must be a position"),
     (polygon(SQUARE[:4]), "@[0]", "must be closed"),
     (polygon(SQUARE[:2]), "@[0]", "at least four positions"),
-    (polygon([[0, 0], [1, 1], [1, 0], [0, 1], [0, 0]]), "geometry", "Self-intersection"),
-    (polygon([[0, 0], [1, 1], [2, 2], [0, 0]]), "geometry", "valid polygon"),
-    (polygon([[0, 0], [1, 0], [1, 91], [0, 0]]), "geometry", "latitude"),
     (polygon([[57, 104], [58, 104], [58, 105], [57, 104]]), "geometry", "longitude first"),
-    (polygon([[400, 0], [401, 0], [401, 1], [400, 0]]), "geometry", "longitude"),
-    (polygon([[-200, 0], [200, 0], [0, 1], [-200, 0]]), "geometry", "wider than 360"),
     (polygon([[0, 0], [1, NAN], [1, 1], [0, 0]]), "@[0][1][1]", "finite"),
     (polygon([[0, 0], [1, 0], [INFINITY, 1], [0, 0]]), "@[0][2][0]", "finite"),
     (polygon([[0, 0], [1, "0"], [1, 1], [0, 0]]), "@[0][1][1]", "must be a number"),
@@ -81,8 +79,6 @@ AREA = [
     ({"end": "2026-02-30T00:00:00Z"}, "end", "ISO 8601"),
     ({"end": 1772344800}, "end", "as a string"),
     ({"floor_m": NAN}, "floor_m", "finite"),
-    ({"ceiling_m": INFINITY}, "ceiling_m", "finite"),
-    ({"ceiling_m": -9}, "ceiling_m", "above floor_m"),
     ({"ceiling_m": -10}, "ceiling_m", "above floor_m"),
     ({"ceiling_m": "0"}, "ceiling_m", "must be a number"),
     ({"ceiling_m": True}, "ceiling_m", "must be a number"),
@@ -97,14 +93,10 @@ AREA = [
 ]
 
 TRACK = [
-    (line([3, 56]), "@", "at least two waypoints"),
     (line(), "@", "must not be empty"),
     (line([3, 56], [4, NAN], [5, 57]), "@[1][1]", "finite"),
-    (line([3, 56], [4, 157], [5, 57]), "geometry", "latitude"),
     (line([3, 56], [4, 57]), "times", "2 waypoints, 3 times"),
     ({"geometry": {"type": "MultiPoint", "coordinates": [SQUARE]}}, "geometry", "got 'MultiPoint'"),
-    ({"times": [HOUR[5], HOUR[7], HOUR[6]]}, "times[2]", "later than the time before"),
-    ({"times": [HOUR[5], HOUR[5], HOUR[6]]}, "times[1]", "two places at the same time"),
     ({"times": [HOUR[5], "2026-03-01T06:00:00", HOUR[7]]}, "times[1]", "offset"),
     ({"times": [HOUR[5], None, HOUR[7]]}, "times[1]", "as a string"),
     ({"times": HOUR[5]}, "times", "must be a list"),
@@ -138,12 +130,9 @@ TRACK = [
     ({**NO_SIDES, "outline_m": 5}, "outline_m", "must be a list"),
     ({**NO_SIDES, "outline_m": [[0, 0, 0]]}, "outline_m", "must be a list"),
     ({**NO_SIDES, "outline_m": [[0, 0], [0, NAN], [1, 0]]}, "outline_m[1][1]", "finite"),
-    ({**NO_SIDES, "outline_m": [[0, 0], [4, 0], [1, 1], [0, 4]]}, "outline_m", "convex"),
-    ({**NO_SIDES, "outline_m": [[0, 0], [2, 2], [2, 0], [0, 2]]}, "outline_m", "convex"),
     ({"grow_mps": -1}, "grow_mps", "takes outlines_m"),
     ({"grow_mps": "fast"}, "grow_mps", "must be a number"),
     ({"grow_mps": NAN}, "grow_mps", "finite"),
-    ({"grow_mps": 1e7}, "grow_mps", "from 0 to 1e+06"),
     ({**NO_SIDES, "outline_m": [[0, 0], [900, 0], [900, 1]], "grow_mps": 1}, "outline_m", "sharper than 1 degree"),
     ({"outlines_m": [[[0, 0]]] * 3}, "fore_m", "together with outlines_m"),
     ({**NO_SIDES, "outlines_m": [[[0, 0]]] * 3, "outline_m": [[0, 0]]}, "outline_m", "together with outlines_m"),
@@ -157,7 +146,6 @@ TRACK = [
     ({**NO_SIDES, "outlines_m": [BOX, BOX, [[0, 0], [4, 0], [1, 1], [0, 4]]]}, "outlines_m[2]", "convex ring"),
     ({**NO_SIDES, "outlines_m": [BOX, BOX, BOX[::-1]]}, "outlines_m[2]", "does not stay convex"),
     ({"kind": "area"}, "kind", "is 'area', but the geometry is a LineString"),
-    ({"ceiling_m": 0, "floor_m": 0}, "ceiling_m", "above floor_m"),
 ]
 
 
