@@ -1,5 +1,6 @@
 """Run the page's server until it is interrupted."""
 
+import asyncio
 import errno
 import ipaddress
 import secrets
@@ -8,7 +9,9 @@ from collections.abc import Callable
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, Self
 
+import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from conflictdb.errors import ConflictDBError
 from conflictdb.map.app import application
@@ -19,6 +22,40 @@ if TYPE_CHECKING:
 
 # The usual ports, tried in this order: one server each for the scenes that a planner has open.
 USUAL_PORTS: Final = range(8620, 8630)
+
+
+# Longest time until the head of a request is complete, seconds: whoever reaches the port could use up its connections.
+_HEAD_S: Final = 10.0
+
+
+class Connection(H11Protocol):
+    """A connection to a client that ends if the head of a request does not arrive in time."""
+
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for a head."""
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """Wait for the rest of a head."""
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop waiting."""
+        super().connection_lost(exc)
+        if self._late is not None:
+            self._late.cancel()
+
+    def _watch(self) -> None:
+        waits = self.conn.their_state is h11.IDLE
+        if waits and self._late is None:
+            self._late = self.loop.call_later(_HEAD_S, self.transport.close)
+        elif not waits and self._late is not None:
+            self._late.cancel()
+            self._late = None
 
 
 class PageServer(uvicorn.Server):
@@ -47,7 +84,7 @@ class PageServer(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
-                http="h11",
+                http=Connection,
                 ws="none",
                 loop="asyncio",
                 log_config=None,

@@ -14,7 +14,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from http.client import HTTPConnection, HTTPResponse
 from importlib.resources import files
 from pathlib import Path
@@ -37,6 +37,7 @@ from conflictdb.cli import pictures
 from conflictdb.db import store
 from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError
+from conflictdb.map import serve
 from conflictdb.map.guard import local_hosts
 from conflictdb.map.live import CONFLICTS, OBJECTS, Listener, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer
@@ -354,6 +355,29 @@ def test_elsewhere_the_page_needs_its_token(dsn: str, conn: psycopg.Connection[A
             assert headers["Set-Cookie"] is None, "servers at other ports would receive it"
         assert client.ask("GET", root + "api/scene", Origin="http://evil.example")[0] == 403
         assert client.ask("GET", root + "api/scene", Sec_Fetch_Site="same-site")[0] == 403  # another port
+
+
+def test_a_client_that_never_ends_its_head_is_disconnected(strait: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a first request and in later ones: else whoever reaches the port could use up its connections."""
+    monkeypatch.setattr(serve, "_HEAD_S", 1.0)
+    address = ("127.0.0.1", strait.url.port or 0)
+    whole = f"GET /places HTTP/1.1\r\nHost: {strait.host}\r\n\r\n".encode()
+    with ExitStack() as sockets:
+        halves = [sockets.enter_context(socket.create_connection(address, timeout=20.0)) for _ in range(3)]
+        halves[1].sendall(whole[:20])
+        halves[2].sendall(whole)
+        while not halves[2].recv(1_000_000).endswith(b"]"):
+            pass
+        halves[2].sendall(whole[:20])
+        events = sockets.enter_context(socket.create_connection(address, timeout=3.0))
+        events.sendall(whole.replace(b"/places", b"/api/events"))
+        for half in halves:
+            assert half.recv(1000) == b""
+        assert b"retry" in events.recv(10_000)
+        time.sleep(1.5)
+        events.setblocking(False)
+        with pytest.raises(BlockingIOError):  # a stream has its head
+            events.recv(1)
 
 
 @pytest.mark.parametrize(
