@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mixed_scenes import Feature, mixed_scene
 from patience import WAIT_S
 from scene_strategies import assert_same, scenes
 from staged import Staged
-from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
@@ -69,11 +69,12 @@ def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataO
         assert_same(one, other)
 
 
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
-def test_conflicts_come_back_as_they_were(workload: Workload) -> None:
+@pytest.mark.parametrize("feature", [Feature.SEPARATION, Feature.GROWTH, Feature.ANTIMERIDIAN])
+def test_conflicts_come_back_as_they_were(feature: Feature) -> None:
     """All rows, and rows of a slice."""
-    scene, areas, tracks = throw(workload, 7, 8, 12)
-    found, _ = Staged.of(scene, areas, tracks, regions=True).run()
+    mixed = mixed_scene(7, {feature})
+    scene = mixed.scene
+    found, _ = Staged.of(scene, mixed.areas, mixed.tracks, regions=True).run()
     region = found.where(np.arange(len(found)))
     assert len(found)
     keys = [f"K{k}" for k in range(len(found))]
@@ -86,13 +87,13 @@ def test_conflicts_come_back_as_they_were(workload: Workload) -> None:
     assert its_region.geometries().tolist() == region.geometries().tolist()[1:]
 
 
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda one: one.name)
-def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> None:
+@pytest.mark.parametrize("features", [{Feature.NEAREST}, {Feature.NEAREST, Feature.ANTIMERIDIAN}])
+def test_rows_are_told_alike_from_arrays_and_by_solve(features: set[Feature]) -> None:
     """Executors make of arrays the rows that `solve` returns, in columns."""
-    scene, areas, tracks = throw(workload, 7, 8, 12)
-    scene = replace(scene, nearest_m=5_000.0)
-    solved = of_rows(solve(tracks, areas, scene))
-    areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
+    mixed = mixed_scene(7, features)
+    scene = mixed.scene
+    solved = of_rows(solve(mixed.tracks, mixed.areas, scene))
+    areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (mixed.areas, mixed.tracks))
     found, _ = Staged.of(scene, areas, tracks).run()
     keys = [
         [(areas, tracks)[kind][number].key for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
@@ -100,7 +101,7 @@ def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> Non
     ]
     told = of_found(scene, found, Polygons.none(len(found)), *keys)
     order = [("a_kind", "ascending"), ("a_key", "ascending"), ("b_key", "ascending")]
-    given = [name for name in FOUND.schema.names if not name.endswith(("_id", "_version"))]
+    given = [name for name in FOUND.schema.names if not name.endswith(("_id", "_version", "_name"))]
     assert len(solved)
     assert set(solved["verdict"].to_pylist()) >= {"conflict", "near"}
     assert told.select(given).sort_by(order).to_pylist() == solved.select(given).to_pylist()
@@ -114,9 +115,11 @@ def test_nothing_comes_back_as_nothing() -> None:
 
 
 def test_a_region_that_is_not_known_stays_so() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 7, 8, 12)
-    found, _ = Staged.of(scene, areas, tracks).run()
+    mixed = mixed_scene(7, ())
+    scene = mixed.scene
+    found, _ = Staged.of(scene, mixed.areas, mixed.tracks).run()
     keys = [f"K{k}" for k in range(len(found))]
+    assert keys
     batch = of_found(scene, found, Polygons.none(len(found)), keys, keys)
     assert batch["region"].null_count == len(found)
     assert not len(to_conflicts(batch)[1].data)

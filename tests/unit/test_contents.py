@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from workloads import GROWING, throw
+from mixed_scenes import Feature, mixed_scene
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.model.plans import Area, Track
@@ -57,7 +57,10 @@ def test_digests_are_of_contents_alone() -> None:
     """Neither other objects nor their order change theirs, nor do keys, names and properties."""
     for one in (AREA, TRACK):
         assert of(replace(one, key="B", name="b", properties={"a": 1})) == of(one)
-    _, areas, tracks = throw(GROWING, 5, 40, 40)
+    features = {Feature.GROWTH, Feature.OUTLINES, Feature.ACTIVATIONS, Feature.DEPARTURES, Feature.HEIGHTS}
+    mixed = [mixed_scene(seed, features) for seed in range(10)]
+    areas = [area for one in mixed for area in one.areas]
+    tracks = [track for one in mixed for track in one.tracks]
     objects = [*areas, *tracks]
     together = of(*objects)
     assert together == [digest for one in objects for digest in of(one)]

@@ -16,8 +16,8 @@ import pyproj
 import pytest
 import shapely
 from hypothesis import given, settings
+from mixed_scenes import Feature, mixed_scene
 from scene_strategies import assert_same, scenes
-from workloads import GROWING, throw
 
 from conflictdb import FileHints, InvalidInput, solve
 from conflictdb.arrays.arrow.object_rows import of_objects
@@ -102,8 +102,8 @@ def test_a_scene_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, 
 
 def test_what_is_written_is_geoparquet(tmp_path: Path) -> None:
     """By the schema of 1.1: WKB, with a box for each row that its metadata name, and one box of all rows."""
-    scene, areas, tracks = throw(GROWING, 7, 8, 12)
-    path = saved(tmp_path / "scene.parquet", areas, tracks, scene)
+    mixed = mixed_scene(6, {Feature.GROWTH})
+    path = saved(tmp_path / "scene.parquet", mixed.areas, mixed.tracks, mixed.scene)
     metadata = json.loads(pq.read_schema(path).metadata[b"geo"])
     column = metadata["columns"][metadata["primary_column"]]
     assert (metadata["version"], column["encoding"], column["crs"]) == ("1.1.0", "WKB", CRS84)
@@ -111,16 +111,16 @@ def test_what_is_written_is_geoparquet(tmp_path: Path) -> None:
     frame = geopandas.read_parquet(path)
     assert frame.crs.to_authority() == ("OGC", "CRS84")
     assert np.allclose(column["bbox"], frame.total_bounds, rtol=0.0, atol=0.0)
-    west, south, east, north = frame.geometry.iloc[0].bounds
-    inside = geopandas.read_parquet(path, bbox=(west, south, east, north))
-    assert areas[0].key in set(inside["id"])
+    lon, lat = mixed.tracks[0].positions_deg[-1]
+    inside = geopandas.read_parquet(path, bbox=(lon, lat, lon, lat))
+    assert mixed.tracks[0].key in set(inside["id"])
     assert len(inside) < len(frame)
 
 
 @pytest.mark.parametrize("name", ["conflicts.parquet", "conflicts.PARQUET"])
 def test_conflicts_are_read_by_geopandas(tmp_path: Path, name: str) -> None:
-    scene, areas, tracks = throw(GROWING, 7, 8, 12)
-    found = solve(tracks, areas, scene)
+    mixed = mixed_scene(6, {Feature.GROWTH})
+    found = solve(mixed.tracks, mixed.areas, mixed.scene)
     write(found, tmp_path / name)
     frame = geopandas.read_parquet(tmp_path / name)
     assert list(frame["a_key"]) == [one.a_key for one in found]
@@ -133,8 +133,8 @@ def test_conflicts_are_read_by_geopandas(tmp_path: Path, name: str) -> None:
 
 
 def test_closest_approaches_are_no_conflicts(tmp_path: Path) -> None:
-    scene, areas, tracks = throw(GROWING, 7, 8, 12)
-    (one, *_) = [found.approach for found in solve(tracks, areas, scene) if found.approach]
+    mixed = mixed_scene(6, {Feature.GROWTH})
+    (one, *_) = [found.approach for found in solve(mixed.tracks, mixed.areas, mixed.scene) if found.approach]
     with pytest.raises(InvalidInput, match="only conflicts are written as GeoParquet"):
         write([one], tmp_path / "approaches.parquet")
     with pytest.raises(InvalidInput, match="must end in"):
