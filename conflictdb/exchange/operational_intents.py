@@ -21,8 +21,11 @@ from conflictdb.formats.standards import Standard
 STANDARD: Final = Standard(
     "ASTM F3548",
     read={"time_start time_end": "times", "altitude_lower altitude_upper": "heights", "radius": "circles"},
-    unread={"reference/time_start reference/time_end": "the time of all volumes together"},
-    aside={"subscription": "of who is told", "conflictdb": "of an export, read"},
+    aside={
+        "reference/time_start reference/time_end": "the time of all volumes together; each has its own",
+        "subscription": "of who is told",
+        "conflictdb": "of an export, read",
+    },
 )
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")

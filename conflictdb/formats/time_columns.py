@@ -13,6 +13,8 @@ from conflictdb.formats.standards import MADE, Quantity, quantity_of
 from conflictdb.model.plans import Area, Track
 
 _INSTANT: Final = re.compile(r"\s*(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[-/.]\d\d?[-/.]\d{4})(?:[T ]\d\d:\d\d.*)?\s*")
+# What instants and numbers begin with.
+_FIRST: Final = frozenset("0123456789+-.F \t")
 # Least number that may be an instant: seconds since 1970, in 1973. Milliseconds are larger.
 _LEAST: Final = 1e8
 _MOST_NAMED: Final = 20
@@ -79,6 +81,8 @@ def _lacks(item: Area | Track) -> list[Quantity]:
 
 def _looks_like(name: str, value: Any) -> Quantity | None:
     """Return what a property looks like; times of nested objects that say when data were made look like nothing."""
+    if isinstance(value, str) and value[:1] not in _FIRST:
+        return None  # most texts
     if is_time_like(name, value):
         return None if "." in name and MADE.search(name) else Quantity.TIME
     if type(value) in (int, float) or (isinstance(value, str) and len(value) < 40 and _NUMBER.fullmatch(value)):
