@@ -135,15 +135,13 @@ COMMENT ON FUNCTION _check_word(text, text, text) IS
 'Raises ZC008 unless a class or an owner is null or a text of 1 to 200 bytes.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_common(
-    p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text,
-    p_owner text
+    p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
         FOUND := _raise('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_valid');
     END IF;
-    PERFORM _check_word(p_who, 'class', p_class), _check_word(p_who, 'owner', p_owner);
     IF p_class IN ('area', 'track') THEN
         FOUND := _raise('ZC008', p_who, 'class',
                         format('must not be %L, which separation rules use for all %ss', p_class, p_class),
@@ -159,8 +157,9 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb, text, text) IS
-'Raises ZC004, ZC008 or ZC012 for an invalid key, class, owner, heights (metres) or properties of an object.';
+COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb, text) IS
+'Raises ZC004, ZC008 or ZC012 for an invalid key, heights (metres) or properties of an object, and for a class that is '
+'a kind.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_datum(p_who text, p_scene_id bigint, p_stated text) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

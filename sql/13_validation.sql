@@ -58,7 +58,9 @@ BEGIN
     END IF;
     NEW.properties := coalesce(NEW.properties, '{}');
     -- As object-relational mappers write None.
+    /* area documents: NEW.NAME := nullif(NEW.NAME, 'null'); */
     NEW.schedule := nullif(NEW.schedule, 'null');
+    /* end */
     IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
         -- Only a detection expands it: other activations would hide conflicts.
         NEW.activations := CASE WHEN TG_OP = 'UPDATE' AND OLD.schedule IS NOT NULL THEN OLD.activations END;
@@ -98,9 +100,21 @@ BEGIN
         END IF;
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
-        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner, NEW.schedule)
-           IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class,
-                                 OLD.owner, OLD.schedule)
+        IF (
+            NEW.key,
+            /* area answers: NEW.NAME */
+            NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner, NEW.schedule
+            /* end */
+        ) IS NOT DISTINCT FROM (
+            OLD.key,
+            /* area answers: OLD.NAME */
+            OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class, OLD.owner, OLD.schedule
+            /* end */
+        )
+           /* area checked: AND VALID(NEW) */
+           AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
+           AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+           /* end */
            AND _is_plain(NEW.properties) THEN
             -- Activations need no check of the footprint, which takes longer than all else when schedules are expanded.
             IF (NEW.activations, NEW.schedule_error) IS DISTINCT FROM (OLD.activations, OLD.schedule_error) THEN
@@ -112,8 +126,11 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-        AND (octet_length(NEW.class) BETWEEN 1 AND 200 AND NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+        AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+        /* area checked: AND VALID(NEW) */
+        AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
         AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+        /* end */
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
@@ -134,7 +151,11 @@ BEGIN
                      AND _box_is_near_centre(NEW.footprint, v_scene.centre_lon, v_scene.centre_lat)
                      AND _stays_simple(NEW.footprint) END)
        IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
+        /* area checked: CHECK(NEW) */
+        PERFORM _check_word(v_who, 'class', NEW.class);
+        PERFORM _check_word(v_who, 'owner', NEW.owner);
+        /* end */
         -- PostGIS does not report a ring without points as empty, but does not dump it either.
         IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
            OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
@@ -201,7 +222,10 @@ DECLARE
     v_widest geometry;
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
+    /* track documents: NEW.NAME := nullif(NEW.NAME, 'null'); */
+    NEW.tolerances := nullif(NEW.tolerances, 'null');
     NEW.schedule := nullif(NEW.schedule, 'null');
+    /* end */
     IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
         -- As the expansion of an area.
         NEW.departures := CASE WHEN TG_OP = 'UPDATE' AND OLD.schedule IS NOT NULL THEN OLD.departures END;
@@ -246,10 +270,23 @@ BEGIN
             WHEN (NEW.schedule, NEW.path) IS NOT DISTINCT FROM (OLD.schedule, OLD.path)
                 THEN coalesce(NEW.departures, OLD.departures) END;
         NEW.schedule_error := CASE WHEN NEW.departures IS NOT NULL THEN NEW.schedule_error END;
-        IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
-            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances, NEW.schedule)
-           IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
-                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances, OLD.schedule)
+        IF (
+            NEW.key,
+            /* track answers: NEW.NAME */
+            NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m, NEW.ceilings_m,
+            NEW.class, NEW.owner, NEW.tolerances, NEW.schedule
+            /* end */
+        ) IS NOT DISTINCT FROM (
+            OLD.key,
+            /* track answers: OLD.NAME */
+            OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines, OLD.floors_m, OLD.ceilings_m,
+            OLD.class, OLD.owner, OLD.tolerances, OLD.schedule
+            /* end */
+        )
+           /* track checked: AND VALID(NEW) */
+           AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
+           AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+           /* end */
            AND _is_plain(NEW.properties) THEN
             IF (NEW.departures, NEW.schedule_error) IS NOT DISTINCT FROM (OLD.departures, OLD.schedule_error) THEN
                 RETURN NEW;
@@ -270,7 +307,11 @@ BEGIN
     -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     -- A haven of 500 km does not reach a pole from 80 degrees.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-        AND num_nonnulls(NEW.class, NEW.owner) = 0
+        AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+        /* track checked: AND VALID(NEW) */
+        AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
+        AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+        /* end */
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
@@ -289,7 +330,11 @@ BEGIN
         AND ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity'
         AND 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) <= ST_Area(NEW.outline))
        IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
+        /* track checked: CHECK(NEW) */
+        PERFORM _check_word(v_who, 'class', NEW.class);
+        PERFORM _check_word(v_who, 'owner', NEW.owner);
+        /* end */
         IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
             FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two',
                             'track_path(waypoints, times) makes a path; it is null without times.');

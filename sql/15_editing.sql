@@ -107,10 +107,13 @@ COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, doubl
 'great_circle scene: the middle of its first object.';
 
 CREATE OR REPLACE FUNCTION put_area(
-    p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
-    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}', p_class text DEFAULT NULL, p_owner text DEFAULT NULL,
-    p_activations tstzmultirange DEFAULT NULL, p_schedule jsonb DEFAULT NULL
+    p_scene text, p_key text,
+    /* area columns: PARAMETER */
+    p_footprint geometry, p_active_span tstzrange DEFAULT NULL, p_floor_m double precision DEFAULT NULL,
+    p_ceiling_m double precision DEFAULT NULL, p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL, p_activations tstzmultirange DEFAULT NULL,
+    p_schedule jsonb DEFAULT NULL
+    /* end */
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -130,41 +133,61 @@ BEGIN
         FOUND := _raise('ZC003', v_who, 'activations', 'must not be given together with active_span or schedule',
                         'activations_once');
     END IF;
-    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                           activations, schedule)
-        VALUES (v_scene_id, p_key, p_name, ST_Multi(ST_Force2D(p_footprint)),
-                coalesce(p_active_span, CASE WHEN NOT isempty(p_activations) THEN range_merge(p_activations) END),
-                p_floor_m, p_ceiling_m, p_properties, p_class, p_owner, p_activations, p_schedule)
-        ON CONFLICT (scene_id, key) DO UPDATE
-            SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
-                class = excluded.class, owner = excluded.owner, activations = excluded.activations,
-                schedule = excluded.schedule
-            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
-                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
-                  IS DISTINCT FROM
-                  (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule)
+    INSERT INTO area AS a (
+        scene_id, key,
+        /* area columns: NAME */
+        footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+        /* end */
+    ) VALUES (
+        v_scene_id, p_key,
+        /* area columns: p_NAME but footprint = ST_Multi(ST_Force2D(p_footprint))
+           but active_span = coalesce(p_active_span,
+                                      CASE WHEN NOT isempty(p_activations) THEN range_merge(p_activations) END) */
+        ST_Multi(ST_Force2D(p_footprint)),
+        coalesce(p_active_span, CASE WHEN NOT isempty(p_activations) THEN range_merge(p_activations) END), p_floor_m,
+        p_ceiling_m, p_name, p_properties, p_class, p_owner, p_activations, p_schedule
+        /* end */
+    ) ON CONFLICT (scene_id, key) DO UPDATE SET
+        /* area columns: NAME = excluded.NAME */
+        footprint = excluded.footprint, active_span = excluded.active_span, floor_m = excluded.floor_m,
+        ceiling_m = excluded.ceiling_m, name = excluded.name, properties = excluded.properties, class = excluded.class,
+        owner = excluded.owner, activations = excluded.activations, schedule = excluded.schedule
+        /* end */
+        WHERE (
+            /* area columns: WRITTEN(a) */
+            a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+            CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+            /* end */
+        ) IS DISTINCT FROM (
+            /* area columns: excluded.NAME */
+            excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m, excluded.name,
+            excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule
+            /* end */
+        )
         RETURNING a.area_id INTO v_area_id;
     RETURN coalesce(v_area_id, (SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_area(
-    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange,
-    jsonb) IS
+    text, text,
+    /* area columns: TYPE */
+    geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange, jsonb
+    /* end */
+) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above the vertical datum of the scene, active '
 'during [start, end); null is unbounded. Objects of one owner are not compared with each other. It is active during '
 'p_activations instead, or by p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
 CREATE OR REPLACE FUNCTION put_track(
-    p_scene text, p_key text, p_path geometry, p_outline geometry,
-    p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
-    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL,
-    p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL,
-    p_class text DEFAULT NULL, p_owner text DEFAULT NULL, p_tolerances jsonb DEFAULT NULL,
-    p_departures timestamptz[] DEFAULT NULL, p_schedule jsonb DEFAULT NULL
+    p_scene text, p_key text,
+    /* track columns: PARAMETER */
+    p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL,
+    p_ceiling_m double precision DEFAULT NULL, p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
+    p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL, p_floors_m double precision[] DEFAULT NULL,
+    p_ceilings_m double precision[] DEFAULT NULL, p_class text DEFAULT NULL, p_owner text DEFAULT NULL,
+    p_tolerances jsonb DEFAULT NULL, p_departures timestamptz[] DEFAULT NULL, p_schedule jsonb DEFAULT NULL
+    /* end */
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -191,31 +214,49 @@ BEGIN
     IF num_nonnulls(p_departures, p_schedule) = 2 THEN
         FOUND := _raise('ZC003', v_who, 'departures', 'must not be given together with schedule', 'departures_once');
     END IF;
-    INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                            floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
-        VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
-                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner, p_tolerances,
-                p_departures, p_schedule)
-        ON CONFLICT (scene_id, key) DO UPDATE
-            SET name = excluded.name, path = excluded.path, outline = excluded.outline,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
-                grow_mps = excluded.grow_mps, outlines = excluded.outlines, floors_m = excluded.floors_m,
-                ceilings_m = excluded.ceilings_m, class = excluded.class, owner = excluded.owner,
-                tolerances = excluded.tolerances, departures = excluded.departures, schedule = excluded.schedule
-            WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines,
-                   t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
-                   CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
-                  IS DISTINCT FROM
-                  (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m,
-                   excluded.class, excluded.owner, excluded.tolerances, excluded.departures, excluded.schedule)
+    INSERT INTO track AS t (
+        scene_id, key,
+        /* track columns: NAME */
+        path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+        tolerances, departures, schedule
+        /* end */
+    ) VALUES (
+        v_scene_id, p_key,
+        /* track columns: p_NAME but outline = ST_Force2D(p_outline) but outlines = ST_Force2D(p_outlines) */
+        p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, ST_Force2D(p_outlines),
+        p_floors_m, p_ceilings_m, p_class, p_owner, p_tolerances, p_departures, p_schedule
+        /* end */
+    ) ON CONFLICT (scene_id, key) DO UPDATE SET
+        /* track columns: NAME = excluded.NAME */
+        path = excluded.path, outline = excluded.outline, floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m,
+        name = excluded.name, properties = excluded.properties, grow_mps = excluded.grow_mps,
+        outlines = excluded.outlines, floors_m = excluded.floors_m, ceilings_m = excluded.ceilings_m,
+        class = excluded.class, owner = excluded.owner, tolerances = excluded.tolerances,
+        departures = excluded.departures, schedule = excluded.schedule
+        /* end */
+        WHERE (
+            /* track columns: WRITTEN(t) */
+            t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+            t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+            /* end */
+        ) IS DISTINCT FROM (
+            /* track columns: excluded.NAME */
+            excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m, excluded.name, excluded.properties,
+            excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m, excluded.class,
+            excluded.owner, excluded.tolerances, excluded.departures, excluded.schedule
+            /* end */
+        )
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_track(
-    text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
-    double precision[], double precision[], text, text, jsonb, timestamptz[], jsonb) IS
+    text, text,
+    /* track columns: TYPE */
+    geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry, double precision[],
+    double precision[], text, text, jsonb, timestamptz[], jsonb
+    /* end */
+) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'p_path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
 'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '

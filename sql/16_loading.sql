@@ -5,22 +5,27 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_load() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_area (
-        key text COLLATE "C", name text, footprint geometry, span_start timestamptz, span_end timestamptz,
-        floor_m double precision, ceiling_m double precision, properties jsonb, class text, owner text,
-        activations tstzmultirange, schedule jsonb
+        key text COLLATE "C",
+        /* area columns: TEMPORARY */
+        footprint geometry, span_start timestamptz, span_end timestamptz, floor_m double precision,
+        ceiling_m double precision, name text, properties jsonb, class text, owner text, activations tstzmultirange,
+        schedule jsonb
+        /* end */
     ) ON COMMIT DROP;
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
-        key text COLLATE "C", name text, path geometry, outline geometry,
-        floor_m double precision, ceiling_m double precision, floors text, ceilings text, properties jsonb,
-        grow_mps double precision, outlines geometry, class text, owner text, tolerances jsonb,
-        departures timestamptz[], schedule jsonb
+        key text COLLATE "C",
+        /* track columns: TEMPORARY */
+        path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text,
+        properties jsonb, grow_mps double precision, outlines geometry, floors text, ceilings text, class text,
+        owner text, tolerances jsonb, departures timestamptz[], schedule jsonb
+        /* end */
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
 END
 $$;
 COMMENT ON FUNCTION _begin_load() IS
 'Creates the temporary tables staged_area and staged_track, empty, for this transaction. '
-'Infinite heights (metres) and instants mean unbounded.';
+'Infinite instants mean unbounded, a number NaN none.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._add_staged(
     p_scene_id bigint, p_first_page bigint, OUT added bigint, OUT next_page bigint
@@ -36,22 +41,35 @@ DECLARE
 BEGIN
     -- conflictdb.model has already checked speeds, under the limit of this load.
     PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                      activations, schedule)
-        SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.footprint, 4326),
-               tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties, s.class, s.owner,
-               s.activations, s.schedule
+    INSERT INTO area (
+        scene_id, key,
+        /* area columns: NAME */
+        footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+        /* end */
+    ) SELECT
+        p_scene_id, s.key,
+        /* area columns: STAGED(s) */
+        ST_SetSRID(s.footprint, 4326), tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
+        nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name, s.properties, s.class, s.owner, s.activations,
+        s.schedule
+        /* end */
         FROM pg_temp.staged_area s WHERE s.ctid >= v_first AND s.ctid < v_end
         -- In the order given: objects are listed by id.
         ORDER BY s.ctid;
     GET DIAGNOSTICS added = ROW_COUNT;
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
-                       grow_mps, outlines, class, owner, tolerances, departures, schedule)
-        SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
-               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines, s.class, s.owner,
-               s.tolerances, s.departures, s.schedule
+    INSERT INTO track (
+        scene_id, key,
+        /* track columns: NAME */
+        path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+        tolerances, departures, schedule
+        /* end */
+    ) SELECT
+        p_scene_id, s.key,
+        /* track columns: STAGED(s) */
+        ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name, s.properties,
+        nullif(s.grow_mps, 'NaN'), s.outlines, s.floors::double precision[], s.ceilings::double precision[], s.class,
+        s.owner, s.tolerances, s.departures, s.schedule
+        /* end */
         FROM pg_temp.staged_track s WHERE s.ctid >= v_first AND s.ctid < v_end
         ORDER BY s.ctid;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -109,36 +127,66 @@ BEGIN
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     removed := removed + v_rows;
 
-    UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                      ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner,
-                      activations = n.activations, schedule = n.schedule
-        FROM (SELECT s.key, s.name, ST_SetSRID(s.footprint, 4326) AS footprint,
-                     tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')) AS active_span,
-                     nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
-                     s.properties, s.class, s.owner, s.activations, s.schedule FROM pg_temp.staged_area s) n
-        WHERE a.scene_id = v_scene_id AND a.key = n.key
-          AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
-               CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
-              IS DISTINCT FROM
-              (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties, n.class, n.owner,
-               n.activations, n.schedule);
+    UPDATE area a SET
+        /* area columns: NAME = n.NAME */
+        footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
+        name = n.name, properties = n.properties, class = n.class, owner = n.owner, activations = n.activations,
+        schedule = n.schedule
+        /* end */
+        FROM (
+            SELECT
+                s.key,
+                /* area columns: STAGED(s) AS NAME */
+                ST_SetSRID(s.footprint, 4326) AS footprint,
+                tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')) AS active_span,
+                nullif(s.floor_m, 'NaN') AS floor_m, nullif(s.ceiling_m, 'NaN') AS ceiling_m, s.name AS name,
+                s.properties AS properties, s.class AS class, s.owner AS owner, s.activations AS activations,
+                s.schedule AS schedule
+                /* end */
+            FROM pg_temp.staged_area s
+        ) n
+        WHERE a.scene_id = v_scene_id AND a.key = n.key AND (
+            /* area columns: WRITTEN(a) */
+            a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+            CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+            /* end */
+        ) IS DISTINCT FROM (
+            /* area columns: n.NAME */
+            n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.name, n.properties, n.class, n.owner, n.activations,
+            n.schedule
+            /* end */
+        );
     GET DIAGNOSTICS updated = ROW_COUNT;
-    UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
-                       ceiling_m = n.ceiling_m, floors_m = n.floors_m, ceilings_m = n.ceilings_m,
-                       properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, class = n.class,
-                       owner = n.owner, tolerances = n.tolerances, departures = n.departures, schedule = n.schedule
-        FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
-                     nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
-                     s.floors::double precision[] AS floors_m, s.ceilings::double precision[] AS ceilings_m,
-                     s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.tolerances, s.departures, s.schedule
-              FROM pg_temp.staged_track s) n
-        WHERE t.scene_id = v_scene_id AND t.key = n.key
-          AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.properties, t.grow_mps,
-               t.outlines, t.class, t.owner, t.tolerances,
-               CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
-              IS DISTINCT FROM
-              (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.grow_mps,
-               n.outlines, n.class, n.owner, n.tolerances, n.departures, n.schedule);
+    UPDATE track t SET
+        /* track columns: NAME = n.NAME */
+        path = n.path, outline = n.outline, floor_m = n.floor_m, ceiling_m = n.ceiling_m, name = n.name,
+        properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, floors_m = n.floors_m,
+        ceilings_m = n.ceilings_m, class = n.class, owner = n.owner, tolerances = n.tolerances,
+        departures = n.departures, schedule = n.schedule
+        /* end */
+        FROM (
+            SELECT
+                s.key,
+                /* track columns: STAGED(s) AS NAME */
+                ST_SetSRID(s.path, 4326) AS path, s.outline AS outline, nullif(s.floor_m, 'NaN') AS floor_m,
+                nullif(s.ceiling_m, 'NaN') AS ceiling_m, s.name AS name, s.properties AS properties,
+                nullif(s.grow_mps, 'NaN') AS grow_mps, s.outlines AS outlines, s.floors::double precision[] AS floors_m,
+                s.ceilings::double precision[] AS ceilings_m, s.class AS class, s.owner AS owner,
+                s.tolerances AS tolerances, s.departures AS departures, s.schedule AS schedule
+                /* end */
+            FROM pg_temp.staged_track s
+        ) n
+        WHERE t.scene_id = v_scene_id AND t.key = n.key AND (
+            /* track columns: WRITTEN(t) */
+            t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+            t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+            /* end */
+        ) IS DISTINCT FROM (
+            /* track columns: n.NAME */
+            n.path, n.outline, n.floor_m, n.ceiling_m, n.name, n.properties, n.grow_mps, n.outlines, n.floors_m,
+            n.ceilings_m, n.class, n.owner, n.tolerances, n.departures, n.schedule
+            /* end */
+        );
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
@@ -164,46 +212,66 @@ COMMENT ON FUNCTION _load(text, jsonb, boolean) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._read_areas(
     p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamptz,
-    OUT span_end timestamptz, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
-    OUT footprint bytea, OUT spans bytea, OUT key text, OUT name text, OUT properties text, OUT class text,
-    OUT owner text, OUT schedule text
+    OUT span_end timestamptz,
+    /* area numbers: OUT NAME double precision, */
+    OUT floor_m double precision, OUT ceiling_m double precision,
+    /* end */
+    OUT footprint bytea, OUT spans bytea, OUT key text, OUT properties text,
+    /* area strings: OUT NAME text */
+    OUT name text, OUT class text, OUT owner text, OUT schedule text
+    /* end */
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
-           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
+           coalesce(upper(a.active_span), 'infinity'),
+           /* area numbers: SENT(a), */
+           coalesce(a.floor_m, 'NaN'), coalesce(a.ceiling_m, 'NaN'),
+           /* end */
            ST_AsBinary(a.footprint, 'NDR'),
            coalesce(CASE WHEN a.schedule_error IS NULL THEN array_send(_ends_of(a.activations)) END, ''), a.key,
-           coalesce(a.name, ''), a.properties::text, coalesce(a.class, ''), coalesce(a.owner, ''),
+           a.properties::text,
+           /* area strings: SENT(a) */
+           coalesce(to_jsonb(a.name)::text, ''), coalesce(a.class, ''), coalesce(a.owner, ''),
            coalesce(a.schedule::text, '')
+           /* end */
     FROM _seen_areas(p_scene_id) a WHERE p_keys IS NULL OR a.key = ANY (p_keys)
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
-'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres; empty: no class, no '
-'owner, no schedule, one span only, a schedule that is not understood.';
+'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres, NaN: none; names are '
+'JSON; empty: no name, no class, no owner, no schedule, one span only, a schedule that is not understood.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
-    p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea,
-    OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text,
-    OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text,
-    OUT tolerances text
+    p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint,
+    /* track numbers: OUT NAME double precision, */
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision,
+    /* end */
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea,
+    OUT key text, OUT properties text,
+    /* track strings: OUT NAME text */
+    OUT name text, OUT class text, OUT owner text, OUT tolerances text, OUT schedule text
+    /* end */
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
-           t.name IS NOT NULL, t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
+    SELECT t.track_id, t.version,
+           /* track numbers: SENT(t), */
+           coalesce(t.floor_m, 'NaN'), coalesce(t.ceiling_m, 'NaN'), coalesce(t.grow_mps, 'NaN'),
+           /* end */
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
            coalesce(array_send(t.ceilings_m), ''),
            coalesce(CASE WHEN t.schedule_error IS NULL THEN array_send(t.departures) END, ''), t.key,
-           coalesce(t.name, ''), t.properties::text, coalesce(t.class, ''), coalesce(t.owner, ''),
-           coalesce(t.schedule::text, ''), coalesce(t.tolerances::text, '')
+           t.properties::text,
+           /* track strings: SENT(t) */
+           coalesce(to_jsonb(t.name)::text, ''), coalesce(t.class, ''), coalesce(t.owner, ''),
+           coalesce(t.tolerances::text, ''), coalesce(t.schedule::text, '')
+           /* end */
     FROM _seen_tracks(p_scene_id) t WHERE p_keys IS NULL OR t.key = ANY (p_keys)
     ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
-'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; class, owner, departures (also of a schedule that is not '
-'understood), schedule and tolerances if there is none.';
+'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Numbers NaN: none; names are JSON. '
+'Empty: outlines if not per waypoint; floors and ceilings (array_send, metres) if not per leg; departures (also of a '
+'schedule that is not understood), and texts and documents if there is none.';

@@ -17,14 +17,21 @@ COMMENT ON FUNCTION _pending(bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
-    ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea
+    ceiling_m double precision,
+    /* area words: NAME_number bigint, */
+    class_number bigint, owner_number bigint,
+    /* end */
+    footprint bytea, spans bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- "+ 0" prevents use of the index on scene_id, which would read all objects of the scene.
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'), _word_number(a.class), _word_number(a.owner),
+           coalesce(a.ceiling_m, 'infinity'),
+           /* area words: NUMBER(a), */
+           _word_number(a.class), _word_number(a.owner),
+           /* end */
            ST_AsBinary(a.footprint, 'NDR'),
            CASE WHEN a.schedule_error IS NULL AND a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
                 WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
@@ -37,7 +44,10 @@ COMMENT ON FUNCTION _area_row(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT floor_m double precision, OUT ceiling_m double precision,
+    /* area words: OUT NAME_number bigint, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
     OUT footprint bytea, OUT spans bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -64,13 +74,20 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
-    class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea,
+    /* track words: NAME_number bigint, */
+    class_number bigint, owner_number bigint,
+    /* end */
+    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea,
     departures bytea, tolerances text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
-           t.grow_mps, _word_number(t.class), _word_number(t.owner), ST_AsBinary(t.path, 'NDR'),
+           t.grow_mps,
+           /* track words: NUMBER(t), */
+           _word_number(t.class), _word_number(t.owner),
+           /* end */
+           ST_AsBinary(t.path, 'NDR'),
            ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
            coalesce(array_send(t.floors_m), ''),
            coalesce(array_send(t.ceilings_m), ''),
@@ -87,7 +104,10 @@ COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT ceiling_m double precision, OUT grow_mps double precision,
+    /* track words: OUT NAME_number bigint, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
     OUT departures bytea, OUT tolerances text
 ) RETURNS SETOF record

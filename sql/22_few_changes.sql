@@ -91,7 +91,10 @@ COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) I
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT floor_m double precision, OUT ceiling_m double precision,
+    /* area words: OUT NAME_number bigint, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
     OUT footprint bytea, OUT spans bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
@@ -108,7 +111,10 @@ COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT ceiling_m double precision, OUT grow_mps double precision,
+    /* track words: OUT NAME_number bigint, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
     OUT departures bytea, OUT tolerances text
 ) RETURNS SETOF record

@@ -8,18 +8,20 @@ LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
     -- attribute: column of attached_plan. Field "where" selects rows and has none.
-    FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
-                 (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'), (NULL, 'class', 'class'),
-                 (NULL, 'owner', 'owner'), (NULL, 'schedule', 'schedule'),
+    FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
-                 (0, 'activations', 'activations'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
                  -- Waypoints do not use floors_m; it holds their order.
-                 (1, 'order', 'floors_m'),
-                 (1, 'outline', 'outline'), (1, 'outlines', 'outlines'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'),
-                 (1, 'port_m', 'port_m'), (1, 'starboard_m', 'starboard_m'), (1, 'grow_mps', 'grow_mps'),
-                 (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m'), (1, 'departures', 'departures'),
-                 (1, 'tolerances', 'tolerances')) v (kind, field, attribute)
+                 (1, 'order', 'floors_m'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'), (1, 'port_m', 'port_m'),
+                 (1, 'starboard_m', 'starboard_m'),
+                 /* plan columns: (KIND, 'NAME', 'NAME') but footprint = but active_span = but path = */
+                 (1, 'outline', 'outline'), (NULL, 'floor_m', 'floor_m'), (NULL, 'ceiling_m', 'ceiling_m'),
+                 (NULL, 'name', 'name'), (NULL, 'properties', 'properties'), (1, 'grow_mps', 'grow_mps'),
+                 (1, 'outlines', 'outlines'), (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m'),
+                 (NULL, 'class', 'class'), (NULL, 'owner', 'owner'), (1, 'tolerances', 'tolerances'),
+                 (0, 'activations', 'activations'), (1, 'departures', 'departures'), (NULL, 'schedule', 'schedule')
+                 /* end */
+                 ) v (kind, field, attribute)
     WHERE coalesce(v.kind, p_kind) = p_kind;
 END;
 COMMENT ON FUNCTION _map_fields(smallint) IS

@@ -127,29 +127,42 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._staged_tracks(
     p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint
 )
 RETURNS TABLE (
-    object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
-    grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
-    ceilings_m double precision[], properties jsonb, class text, owner text, tolerances jsonb,
-    departures timestamptz[], schedule jsonb
+    object_id bigint, key text,
+    /* track columns: NAME TYPE */
+    path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text, properties jsonb,
+    grow_mps double precision, outlines geometry, floors_m double precision[], ceilings_m double precision[],
+    class text, owner text, tolerances jsonb, departures timestamptz[], schedule jsonb
+    /* end */
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT p_is_waypoints THEN
         RETURN QUERY
-        SELECT i.object_id, i.key::text, s.name,
-               _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times),
-               coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m)),
-               ST_Force2D(s.outlines), coalesce(s.grow_mps, 0), s.floor_m, s.ceiling_m, s.floors_m, s.ceilings_m,
-               coalesce(s.properties, '{}'), s.class, s.owner, nullif(s.tolerances, 'null'), s.departures,
-               nullif(s.schedule, 'null')
+        SELECT
+            i.object_id, i.key::text,
+            /* track columns: TAKEN(s)
+               but path = _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times)
+               but outline = coalesce(ST_Force2D(s.outline),
+                                      rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
+               but outlines = ST_Force2D(s.outlines) */
+            _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times),
+            coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m)), s.floor_m,
+            s.ceiling_m, s.name, coalesce(s.properties, '{}'), coalesce(s.grow_mps, 0), ST_Force2D(s.outlines),
+            s.floors_m, s.ceilings_m, s.class, s.owner, nullif(s.tolerances, 'null'), s.departures,
+            nullif(s.schedule, 'null')
+            /* end */
         FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
         WHERE i.n BETWEEN p_first AND p_last;
         RETURN;
     END IF;
     RETURN QUERY
     WITH waypoint AS (
-        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.class, s.owner,
-               s.tolerances, s.departures, s.schedule, s.shape,
+        SELECT i.n, i.object_id, i.key, s.at, s.shape,
+               -- Those of the first waypoint are the track's.
+               /* track columns: s.NAME, but path = but outline = but outlines = but floor_m = but ceiling_m =
+                  but floors_m = but ceilings_m = */
+               s.name, s.properties, s.grow_mps, s.class, s.owner, s.tolerances, s.departures, s.schedule,
+               /* end */
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
                    AS outline,
                -- A leg has the lower floor and the higher ceiling of its two waypoints; null: no limit.
@@ -162,13 +175,16 @@ BEGIN
         WHERE i.n BETWEEN p_first AND p_last
         WINDOW w AS (PARTITION BY i.n ORDER BY s.at)
     ), whole AS (
-        SELECT w.n, w.object_id, w.key, (array_agg(w.name ORDER BY w.at))[1] AS name,
-               (array_agg(w.properties ORDER BY w.at))[1] AS properties,
-               (array_agg(w.grow_mps ORDER BY w.at))[1] AS grow_mps,
-               (array_agg(w.class ORDER BY w.at))[1] AS class, (array_agg(w.owner ORDER BY w.at))[1] AS owner,
-               (array_agg(w.tolerances ORDER BY w.at))[1] AS tolerances,
+        SELECT w.n, w.object_id, w.key,
+               /* track columns: (array_agg(w.NAME ORDER BY w.at))[1] AS NAME, but path = but outline = but outlines =
+                  but floor_m = but ceiling_m = but floors_m = but ceilings_m =
+                  but departures = (array_agg(to_jsonb(w.departures) ORDER BY w.at))[1] AS departures, */
+               (array_agg(w.name ORDER BY w.at))[1] AS name, (array_agg(w.properties ORDER BY w.at))[1] AS properties,
+               (array_agg(w.grow_mps ORDER BY w.at))[1] AS grow_mps, (array_agg(w.class ORDER BY w.at))[1] AS class,
+               (array_agg(w.owner ORDER BY w.at))[1] AS owner, (array_agg(w.tolerances ORDER BY w.at))[1] AS tolerances,
                (array_agg(to_jsonb(w.departures) ORDER BY w.at))[1] AS departures,
                (array_agg(w.schedule ORDER BY w.at))[1] AS schedule,
+               /* end */
                ST_MakeLine(ST_Force2D(w.shape) ORDER BY w.at) AS shape, array_agg(w.at ORDER BY w.at) AS times,
                bool_and(ST_GeometryType(w.shape) = 'ST_Point' AND NOT ST_IsEmpty(w.shape)) AS is_of_points,
                array_agg(w.outline ORDER BY w.at) AS outlines, bool_and(w.outline IS NOT NULL) AS has_outlines,
@@ -177,15 +193,28 @@ BEGIN
                array_agg(w.ceiling_m ORDER BY w.at) FILTER (WHERE NOT w.is_last) AS ceilings_m
         FROM waypoint w GROUP BY w.n, w.object_id, w.key
     )
-    SELECT w.object_id, w.key::text, w.name,
-           _attached_path(format('track %L', w.key), CASE WHEN w.is_of_points THEN w.shape END, w.times, true),
-           CASE WHEN w.has_outlines THEN w.outlines[1] END,
-           CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END, coalesce(w.grow_mps, 0),
-           CASE WHEN NOT f.differ THEN w.floors_m[1] END, CASE WHEN NOT c.differ THEN w.ceilings_m[1] END,
-           CASE WHEN f.differ THEN w.floors_m END, CASE WHEN c.differ THEN w.ceilings_m END,
-           coalesce(w.properties, '{}'), w.class, w.owner, nullif(w.tolerances, 'null'),
-           (SELECT array_agg(d::timestamptz ORDER BY n) FROM jsonb_array_elements_text(w.departures)
-            WITH ORDINALITY e (d, n)), nullif(w.schedule, 'null')
+    SELECT
+        w.object_id, w.key::text,
+        /* track columns: TAKEN(w)
+           but path = _attached_path(format('track %L', w.key), CASE WHEN w.is_of_points THEN w.shape END, w.times,
+                                     true)
+           but outline = CASE WHEN w.has_outlines THEN w.outlines[1] END
+           but outlines = CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END
+           but floor_m = CASE WHEN NOT f.differ THEN w.floors_m[1] END
+           but ceiling_m = CASE WHEN NOT c.differ THEN w.ceilings_m[1] END
+           but floors_m = CASE WHEN f.differ THEN w.floors_m END
+           but ceilings_m = CASE WHEN c.differ THEN w.ceilings_m END
+           but departures = (SELECT array_agg(d::timestamptz ORDER BY n)
+                             FROM jsonb_array_elements_text(w.departures) WITH ORDINALITY e (d, n)) */
+        _attached_path(format('track %L', w.key), CASE WHEN w.is_of_points THEN w.shape END, w.times, true),
+        CASE WHEN w.has_outlines THEN w.outlines[1] END, CASE WHEN NOT f.differ THEN w.floors_m[1] END,
+        CASE WHEN NOT c.differ THEN w.ceilings_m[1] END, w.name, coalesce(w.properties, '{}'), coalesce(w.grow_mps, 0),
+        CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END,
+        CASE WHEN f.differ THEN w.floors_m END, CASE WHEN c.differ THEN w.ceilings_m END, w.class, w.owner,
+        nullif(w.tolerances, 'null'),
+        (SELECT array_agg(d::timestamptz ORDER BY n) FROM jsonb_array_elements_text(w.departures) WITH ORDINALITY e (d,
+            n)), nullif(w.schedule, 'null')
+        /* end */
     FROM whole w
     CROSS JOIN LATERAL (SELECT coalesce(bool_or(x IS DISTINCT FROM w.floors_m[1]), false) AS differ
                         FROM unnest(w.floors_m) x) f
@@ -209,29 +238,54 @@ BEGIN
         DELETE FROM area a USING pg_temp.attached_item i
             WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id AND a.scene_id = p_attachment.scene_id;
         WITH new AS (
-            SELECT i.object_id, i.key, s.name, _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
-                   coalesce(CASE WHEN NOT isempty(s.activations) THEN range_merge(s.activations) END,
-                            _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at)) AS active_span,
-                   s.floor_m, s.ceiling_m, coalesce(s.properties, '{}') AS properties, s.class, s.owner,
-                   _half_open(s.activations, v_is_closed) AS activations, nullif(s.schedule, 'null') AS schedule
+            SELECT
+                i.object_id, i.key,
+                /* area columns: TAKEN(s) AS NAME
+                   but footprint = _attached_footprint(format('area %L', i.key), s.shape) AS footprint
+                   but active_span = coalesce(CASE WHEN NOT isempty(s.activations)
+                                                   THEN range_merge(s.activations) END,
+                       _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at)) AS active_span
+                   but activations = _half_open(s.activations, v_is_closed) AS activations */
+                _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
+                coalesce(CASE WHEN NOT isempty(s.activations) THEN range_merge(s.activations) END,
+                    _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at)) AS active_span,
+                s.floor_m AS floor_m, s.ceiling_m AS ceiling_m, s.name AS name,
+                coalesce(s.properties, '{}') AS properties, s.class AS class, s.owner AS owner,
+                _half_open(s.activations, v_is_closed) AS activations, nullif(s.schedule, 'null') AS schedule
+                /* end */
             FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
             WHERE i.n BETWEEN p_first AND p_last
         ), changed AS (
-            UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                              ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner,
-                              activations = n.activations, schedule = n.schedule
+            UPDATE area a SET
+                /* area columns: NAME = n.NAME */
+                footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
+                name = n.name, properties = n.properties, class = n.class, owner = n.owner, activations = n.activations,
+                schedule = n.schedule
+                /* end */
             FROM new n
-            WHERE a.area_id = n.object_id AND a.scene_id = p_attachment.scene_id
-              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
-                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
-                  IS DISTINCT FROM
-                  (n.name, n.footprint, _half_open(n.active_span, v_is_closed), n.floor_m, n.ceiling_m, n.properties,
-                   n.class, n.owner, n.activations, n.schedule)
+            WHERE a.area_id = n.object_id AND a.scene_id = p_attachment.scene_id AND (
+                /* area columns: WRITTEN(a) */
+                a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+                CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+                /* end */
+            ) IS DISTINCT FROM (
+                /* area columns: n.NAME but active_span = _half_open(n.active_span, v_is_closed) */
+                n.footprint, _half_open(n.active_span, v_is_closed), n.floor_m, n.ceiling_m, n.name, n.properties,
+                n.class, n.owner, n.activations, n.schedule
+                /* end */
+            )
         )
-        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                          activations, schedule)
-            SELECT p_attachment.scene_id, n.key, n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m,
-                   n.properties, n.class, n.owner, n.activations, n.schedule
+        INSERT INTO area (
+            scene_id, key,
+            /* area columns: NAME */
+            footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+            /* end */
+        ) SELECT
+            p_attachment.scene_id, n.key,
+            /* area columns: n.NAME */
+            n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.name, n.properties, n.class, n.owner, n.activations,
+            n.schedule
+            /* end */
             FROM new n WHERE n.object_id IS NULL;
     ELSE
         DELETE FROM track t USING pg_temp.attached_item i
@@ -239,25 +293,39 @@ BEGIN
         WITH new AS (
             SELECT n.* FROM _staged_tracks(p_attachment.map ? 'position', p_attachment.map ? 'times', p_first, p_last) n
         ), changed AS (
-            UPDATE track t SET name = n.name, path = n.path, outline = n.outline, outlines = n.outlines,
-                               grow_mps = n.grow_mps, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
-                               floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties,
-                               class = n.class, owner = n.owner, tolerances = n.tolerances,
-                               departures = n.departures, schedule = n.schedule
+            UPDATE track t SET
+                /* track columns: NAME = n.NAME */
+                path = n.path, outline = n.outline, floor_m = n.floor_m, ceiling_m = n.ceiling_m, name = n.name,
+                properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, floors_m = n.floors_m,
+                ceilings_m = n.ceilings_m, class = n.class, owner = n.owner, tolerances = n.tolerances,
+                departures = n.departures, schedule = n.schedule
+                /* end */
             FROM new n
-            WHERE t.track_id = n.object_id AND t.scene_id = p_attachment.scene_id
-              AND (t.name, t.path, t.outline, t.outlines, t.grow_mps, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m,
-                   t.properties, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END,
-                   t.schedule)
-                  IS DISTINCT FROM
-                  (n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m,
-                   n.properties, n.class, n.owner, n.tolerances, n.departures, n.schedule)
+            WHERE t.track_id = n.object_id AND t.scene_id = p_attachment.scene_id AND (
+                /* track columns: WRITTEN(t) */
+                t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+                t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END,
+                t.schedule
+                /* end */
+            ) IS DISTINCT FROM (
+                /* track columns: n.NAME */
+                n.path, n.outline, n.floor_m, n.ceiling_m, n.name, n.properties, n.grow_mps, n.outlines, n.floors_m,
+                n.ceilings_m, n.class, n.owner, n.tolerances, n.departures, n.schedule
+                /* end */
+            )
         )
-        INSERT INTO track (scene_id, key, name, path, outline, outlines, grow_mps, floor_m, ceiling_m, floors_m,
-                           ceilings_m, properties, class, owner, tolerances, departures, schedule)
-            SELECT p_attachment.scene_id, n.key, n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m,
-                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.class, n.owner, n.tolerances, n.departures,
-                   n.schedule
+        INSERT INTO track (
+            scene_id, key,
+            /* track columns: NAME */
+            path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+            tolerances, departures, schedule
+            /* end */
+        ) SELECT
+            p_attachment.scene_id, n.key,
+            /* track columns: n.NAME */
+            n.path, n.outline, n.floor_m, n.ceiling_m, n.name, n.properties, n.grow_mps, n.outlines, n.floors_m,
+            n.ceilings_m, n.class, n.owner, n.tolerances, n.departures, n.schedule
+            /* end */
             FROM new n WHERE n.object_id IS NULL;
     END IF;
     INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)

@@ -1,37 +1,5 @@
 -- Preview of an attachment.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._area_feature(p_area area) RETURNS jsonb
-LANGUAGE sql STABLE STRICT
-BEGIN ATOMIC
-    SELECT jsonb_build_object('type', 'Feature', 'id', p_area.key, 'geometry', ST_AsGeoJSON(p_area.footprint)::jsonb,
-        'properties', p_area.properties || jsonb_strip_nulls(jsonb_build_object(
-            'kind', 'area', 'name', p_area.name, 'start', lower(p_area.active_span), 'end', upper(p_area.active_span),
-            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m, 'class', p_area.class, 'owner', p_area.owner,
-            'schedule', p_area.schedule))
-            || CASE WHEN p_area.schedule IS NULL AND p_area.activations IS NOT NULL THEN
-               jsonb_build_object('spans', (
-                   SELECT coalesce(jsonb_agg(jsonb_build_array(lower(s), upper(s)) ORDER BY s), '[]')
-                   FROM unnest(p_area.activations) s)) ELSE '{}' END);
-END;
-COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file (GeoJSON).';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._track_feature(p_track track) RETURNS jsonb
-LANGUAGE sql STABLE STRICT
-BEGIN ATOMIC
-    SELECT jsonb_build_object('type', 'Feature', 'id', p_track.key,
-        'geometry', ST_AsGeoJSON(ST_Force2D(p_track.path))::jsonb,
-        'properties', p_track.properties || jsonb_strip_nulls(jsonb_build_object(
-            'kind', 'track', 'name', p_track.name, 'class', p_track.class, 'owner', p_track.owner,
-            'times', (SELECT jsonb_agg(to_timestamp(ST_M(d.geom)) ORDER BY d.path[1])
-                      FROM ST_DumpPoints(p_track.path) d),
-            'outline_m', ST_AsGeoJSON(p_track.outline)::jsonb #> '{coordinates,0}',
-            'grow_mps', nullif(p_track.grow_mps, 0), 'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m,
-            'floors_m', to_jsonb(p_track.floors_m), 'ceilings_m', to_jsonb(p_track.ceilings_m),
-            'departures', CASE WHEN p_track.schedule IS NULL THEN to_jsonb(p_track.departures) END,
-            'schedule', p_track.schedule)) || coalesce(p_track.tolerances, '{}'));
-END;
-COMMENT ON FUNCTION _track_feature(track) IS 'A track as a feature of a scene file (GeoJSON).';
-
 CREATE OR REPLACE FUNCTION preview_attachment(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL, p_objects integer DEFAULT 5
 ) RETURNS TABLE (part text, what text)
@@ -73,11 +41,11 @@ BEGIN
             USING v_identities;
         PERFORM _take_over_attached(v_attachment, '{}');
         v_objects := ARRAY(SELECT f.feature FROM (
-                           SELECT a.key, _area_feature(a)::text
+                           SELECT a.key, _feature(a)::text
                            FROM attached_object o JOIN area a ON a.area_id = o.object_id
                            WHERE v_attachment.object_kind = 0 AND o.attachment_id = v_attachment.attachment_id
                            UNION ALL
-                           SELECT t.key, _track_feature(t)::text
+                           SELECT t.key, _feature(t)::text
                            FROM attached_object o JOIN track t ON t.track_id = o.object_id
                            WHERE v_attachment.object_kind = 1 AND o.attachment_id = v_attachment.attachment_id)
                            f (key, feature) ORDER BY f.key);

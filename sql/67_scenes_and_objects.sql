@@ -56,16 +56,30 @@ BEGIN
     END;
     PERFORM _set_scene(p_name, _scene_settings(s.scene_id) - 'name') FROM scene s WHERE s.scene_id = v_scene_id;
     -- The first detection expands schedules.
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                      activations, schedule)
-        SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class,
-               a.owner, CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+    INSERT INTO area (
+        scene_id, key,
+        /* area columns: NAME */
+        footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+        /* end */
+    ) SELECT
+        v_copy_id, a.key,
+        /* area columns: WRITTEN(a) */
+        a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+        CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+        /* end */
         FROM _seen_areas(v_scene_id) a;
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines, floors_m,
-                       ceilings_m, class, owner, tolerances, departures, schedule)
-        SELECT v_copy_id, t.key, t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
-               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
-               CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+    INSERT INTO track (
+        scene_id, key,
+        /* track columns: NAME */
+        path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+        tolerances, departures, schedule
+        /* end */
+    ) SELECT
+        v_copy_id, t.key,
+        /* track columns: WRITTEN(t) */
+        t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+        t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+        /* end */
         FROM _seen_tracks(v_scene_id) t;
     RETURN v_copy_id;
 END

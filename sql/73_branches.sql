@@ -25,11 +25,19 @@ BEGIN
     END;
     v_branch_id := _scene_or_branch(p_name);
     IF p_proposal_id IS NOT NULL THEN
-        INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                           floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
-            SELECT v_branch_id, t.key, t.name, m.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
-                   t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, _windows_later(t.tolerances, m.delay_s),
-                   CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+        INSERT INTO track (
+            scene_id, key,
+            /* track columns: NAME */
+            path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+            tolerances, departures, schedule
+            /* end */
+        ) SELECT
+            v_branch_id, t.key,
+            /* track columns: WRITTEN(t) but path = m.path but tolerances = _windows_later(t.tolerances, m.delay_s) */
+            m.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+            t.ceilings_m, t.class, t.owner, _windows_later(t.tolerances, m.delay_s),
+            CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+            /* end */
             FROM proposal_move m JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id
             WHERE m.proposal_id = p_proposal_id;
     END IF;
@@ -72,11 +80,17 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._is_same_area(p_a area, p_b area)
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Bytes: a dump names no schema for the equality of geometries, and could not be restored.
-    SELECT ((p_a).name, (p_a).footprint::bytea, (p_a).active_span, (p_a).floor_m, (p_a).ceiling_m, (p_a).properties,
-            (p_a).class, (p_a).owner, CASE WHEN (p_a).schedule IS NULL THEN (p_a).activations END, (p_a).schedule)
-           IS NOT DISTINCT FROM
-           ((p_b).name, (p_b).footprint::bytea, (p_b).active_span, (p_b).floor_m, (p_b).ceiling_m, (p_b).properties,
-            (p_b).class, (p_b).owner, CASE WHEN (p_b).schedule IS NULL THEN (p_b).activations END, (p_b).schedule);
+    SELECT (
+        /* area columns: BYTES((p_a)) */
+        (p_a).footprint::bytea, (p_a).active_span, (p_a).floor_m, (p_a).ceiling_m, (p_a).name, (p_a).properties,
+        (p_a).class, (p_a).owner, CASE WHEN (p_a).schedule IS NULL THEN (p_a).activations END, (p_a).schedule
+        /* end */
+    ) IS NOT DISTINCT FROM (
+        /* area columns: BYTES((p_b)) */
+        (p_b).footprint::bytea, (p_b).active_span, (p_b).floor_m, (p_b).ceiling_m, (p_b).name, (p_b).properties,
+        (p_b).class, (p_b).owner, CASE WHEN (p_b).schedule IS NULL THEN (p_b).activations END, (p_b).schedule
+        /* end */
+    );
 END;
 COMMENT ON FUNCTION _is_same_area(area, area) IS
 'Whether two areas are equal but for scene, key, id, version and the expansion of a schedule.';
@@ -84,15 +98,19 @@ COMMENT ON FUNCTION _is_same_area(area, area) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_same_track(p_a track, p_b track) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT ((p_a).name, (p_a).path::bytea, (p_a).outline::bytea, (p_a).floor_m, (p_a).ceiling_m,
-            (p_a).properties, (p_a).grow_mps, (p_a).outlines::bytea, (p_a).floors_m, (p_a).ceilings_m,
-            (p_a).class, (p_a).owner, (p_a).tolerances,
-            CASE WHEN (p_a).schedule IS NULL THEN (p_a).departures END, (p_a).schedule)
-           IS NOT DISTINCT FROM
-           ((p_b).name, (p_b).path::bytea, (p_b).outline::bytea, (p_b).floor_m, (p_b).ceiling_m,
-            (p_b).properties, (p_b).grow_mps, (p_b).outlines::bytea, (p_b).floors_m, (p_b).ceilings_m,
-            (p_b).class, (p_b).owner, (p_b).tolerances,
-            CASE WHEN (p_b).schedule IS NULL THEN (p_b).departures END, (p_b).schedule);
+    SELECT (
+        /* track columns: BYTES((p_a)) */
+        (p_a).path::bytea, (p_a).outline::bytea, (p_a).floor_m, (p_a).ceiling_m, (p_a).name, (p_a).properties,
+        (p_a).grow_mps, (p_a).outlines::bytea, (p_a).floors_m, (p_a).ceilings_m, (p_a).class, (p_a).owner,
+        (p_a).tolerances, CASE WHEN (p_a).schedule IS NULL THEN (p_a).departures END, (p_a).schedule
+        /* end */
+    ) IS NOT DISTINCT FROM (
+        /* track columns: BYTES((p_b)) */
+        (p_b).path::bytea, (p_b).outline::bytea, (p_b).floor_m, (p_b).ceiling_m, (p_b).name, (p_b).properties,
+        (p_b).grow_mps, (p_b).outlines::bytea, (p_b).floors_m, (p_b).ceilings_m, (p_b).class, (p_b).owner,
+        (p_b).tolerances, CASE WHEN (p_b).schedule IS NULL THEN (p_b).departures END, (p_b).schedule
+        /* end */
+    );
 END;
 COMMENT ON FUNCTION _is_same_track(track, track) IS
 'Whether two tracks are equal but for scene, key, id, version and the expansion of a schedule.';
@@ -220,29 +238,48 @@ BEGIN
         WHERE e.scene_id = v_branch_id AND t.scene_id = v_parent_id AND t.key = e.key
           AND NOT EXISTS (SELECT FROM track n WHERE n.scene_id = v_branch_id AND n.key = t.key);
     -- The next detection expands schedules.
-    UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                      ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner,
-                      activations = CASE WHEN n.schedule IS NULL THEN n.activations END, schedule = n.schedule
+    UPDATE area a SET
+        /* area columns: NAME = WRITTEN(n) */
+        footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
+        name = n.name, properties = n.properties, class = n.class, owner = n.owner,
+        activations = CASE WHEN n.schedule IS NULL THEN n.activations END, schedule = n.schedule
+        /* end */
         FROM area n
         WHERE n.scene_id = v_branch_id AND a.scene_id = v_parent_id AND a.key = n.key AND NOT _is_same_area(a, n);
-    UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
-                       ceiling_m = n.ceiling_m, properties = n.properties, grow_mps = n.grow_mps,
-                       outlines = n.outlines, floors_m = n.floors_m, ceilings_m = n.ceilings_m, class = n.class,
-                       owner = n.owner, tolerances = n.tolerances,
-                       departures = CASE WHEN n.schedule IS NULL THEN n.departures END, schedule = n.schedule
+    UPDATE track t SET
+        /* track columns: NAME = WRITTEN(n) */
+        path = n.path, outline = n.outline, floor_m = n.floor_m, ceiling_m = n.ceiling_m, name = n.name,
+        properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, floors_m = n.floors_m,
+        ceilings_m = n.ceilings_m, class = n.class, owner = n.owner, tolerances = n.tolerances,
+        departures = CASE WHEN n.schedule IS NULL THEN n.departures END, schedule = n.schedule
+        /* end */
         FROM track n
         WHERE n.scene_id = v_branch_id AND t.scene_id = v_parent_id AND t.key = n.key AND NOT _is_same_track(t, n);
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                      activations, schedule)
-        SELECT v_parent_id, n.key, n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties, n.class,
-               n.owner, CASE WHEN n.schedule IS NULL THEN n.activations END, n.schedule
+    INSERT INTO area (
+        scene_id, key,
+        /* area columns: NAME */
+        footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+        /* end */
+    ) SELECT
+        v_parent_id, n.key,
+        /* area columns: WRITTEN(n) */
+        n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.name, n.properties, n.class, n.owner,
+        CASE WHEN n.schedule IS NULL THEN n.activations END, n.schedule
+        /* end */
         FROM area n WHERE n.scene_id = v_branch_id
           AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_parent_id AND a.key = n.key);
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                       floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
-        SELECT v_parent_id, n.key, n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.properties, n.grow_mps,
-               n.outlines, n.floors_m, n.ceilings_m, n.class, n.owner, n.tolerances,
-               CASE WHEN n.schedule IS NULL THEN n.departures END, n.schedule
+    INSERT INTO track (
+        scene_id, key,
+        /* track columns: NAME */
+        path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines, floors_m, ceilings_m, class, owner,
+        tolerances, departures, schedule
+        /* end */
+    ) SELECT
+        v_parent_id, n.key,
+        /* track columns: WRITTEN(n) */
+        n.path, n.outline, n.floor_m, n.ceiling_m, n.name, n.properties, n.grow_mps, n.outlines, n.floors_m,
+        n.ceilings_m, n.class, n.owner, n.tolerances, CASE WHEN n.schedule IS NULL THEN n.departures END, n.schedule
+        /* end */
         FROM track n WHERE n.scene_id = v_branch_id
           AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_parent_id AND t.key = n.key);
     PERFORM remove_scene(p_branch);

@@ -183,11 +183,16 @@ COMMENT ON FUNCTION _open_outline(geometry) IS 'The vertices of a haven as a JSO
 CREATE OR REPLACE FUNCTION conflictdb_internal._members_of_plans() RETURNS text[]
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT ARRAY['kind', 'name', 'start', 'end', 'spans', 'schedule', 'floor_m', 'ceiling_m', 'class', 'owner',
-                 'outline_m', 'grow_mps', 'outlines_m', 'departures', 'times', 'datetimes', 'speed_kn', 'speed_mps',
-                 'xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn', 'turn_radius_m', 'departure_window',
-                 'arrival_window', 'fore_m', 'fore_nmi', 'aft_m', 'aft_nmi', 'port_m', 'port_nmi', 'starboard_m',
-                 'starboard_nmi'];
+    SELECT ARRAY[
+        'kind',
+        /* plan columns: MEMBERS */
+        'start', 'end', 'times', 'datetimes', 'speed_kn', 'speed_mps',
+        'outline_m', 'fore_m', 'fore_nmi', 'aft_m', 'aft_nmi', 'port_m', 'port_nmi', 'starboard_m', 'starboard_nmi',
+        'floor_m', 'ceiling_m', 'name', 'grow_mps', 'outlines_m', 'class', 'owner',
+        'xtd_port_m', 'xtd_starboard_m', 'min_speed_kn', 'max_speed_kn', 'turn_radius_m', 'departure_window',
+            'arrival_window', 'spans', 'departures', 'schedule'
+        /* end */
+    ];
 END;
 COMMENT ON FUNCTION _members_of_plans() IS 'Names of properties that have a meaning in scene files.';
 
@@ -201,8 +206,12 @@ BEGIN
             FROM (SELECT p.path[1] AS n, jsonb_agg(_positions(ST_ExteriorRing(g.geom), true) ORDER BY g.path) AS rings
                   FROM ST_Dump(p_area.footprint::geometry) p CROSS JOIN ST_DumpRings(p.geom) g GROUP BY p.path) r)),
         'properties', (coalesce(p_area.properties, '{}') - _members_of_plans()) || jsonb_strip_nulls(jsonb_build_object(
-            'kind', 'area', 'name', p_area.name, 'class', p_area.class, 'owner', p_area.owner,
-            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m))
+            'kind', 'area',
+            /* area values: MEMBER, PRESENT(p_area) */
+            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m, 'name', p_area.name, 'class', p_area.class,
+            'owner', p_area.owner
+            /* end */
+            ))
             || CASE WHEN p_area.schedule IS NULL AND p_area.activations IS NOT NULL
                     THEN jsonb_build_object('spans', (
                         SELECT coalesce(jsonb_agg(jsonb_build_array(_instant_text(lower(s)), _instant_text(upper(s)))
@@ -211,8 +220,12 @@ BEGIN
                         'start', _instant_text(lower(p_area.active_span)),
                         'end', _instant_text(upper(p_area.active_span))))
                     END
-            -- A schedule keeps its nulls.
-            || CASE WHEN p_area.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_area.schedule) END);
+            -- A document keeps its nulls.
+            /* area documents: || CASE WHEN p_area.NAME IS NULL THEN '{}'
+               ELSE jsonb_build_object(MEMBER, p_area.NAME) END */
+            || CASE WHEN p_area.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_area.schedule) END
+            /* end */
+            );
 END
 $$;
 COMMENT ON FUNCTION _feature(area) IS 'A row of area as a feature of a scene file, with all digits.';
@@ -225,8 +238,12 @@ BEGIN
         'geometry', jsonb_build_object('type', 'LineString', 'coordinates', _positions(p_track.path, true)),
         'properties', (coalesce(p_track.properties, '{}') - _members_of_plans())
             || coalesce(p_track.tolerances, '{}') || jsonb_strip_nulls(jsonb_build_object(
-            'kind', 'track', 'name', p_track.name, 'class', p_track.class, 'owner', p_track.owner,
-            'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m, 'grow_mps', nullif(p_track.grow_mps, 0)))
+            'kind', 'track',
+            /* track values: MEMBER, PRESENT(p_track) */
+            'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m, 'name', p_track.name,
+            'grow_mps', nullif(p_track.grow_mps, 0), 'class', p_track.class, 'owner', p_track.owner
+            /* end */
+            ))
             || jsonb_build_object('times', (
                 SELECT jsonb_agg(_instant_text(_instant_of(round(ST_M(d.geom) * 1e6)::bigint)) ORDER BY d.path)
                 FROM ST_DumpPoints(p_track.path) d))
@@ -243,7 +260,11 @@ BEGIN
                     ELSE jsonb_build_object('departures', (
                         SELECT coalesce(jsonb_agg(_instant_text(d) ORDER BY n), '[]')
                         FROM unnest(p_track.departures) WITH ORDINALITY u (d, n))) END
-            || CASE WHEN p_track.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_track.schedule) END);
+            /* track documents: || CASE WHEN p_track.NAME IS NULL THEN '{}'
+               ELSE jsonb_build_object(MEMBER, p_track.NAME) END but tolerances = */
+            || CASE WHEN p_track.schedule IS NULL THEN '{}' ELSE jsonb_build_object('schedule', p_track.schedule) END
+            /* end */
+            );
 END
 $$;
 COMMENT ON FUNCTION _feature(track) IS 'A row of track as a feature of a scene file, with all digits.';
@@ -470,7 +491,8 @@ LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM 
 DECLARE
     v_replaced record;
 BEGIN
-    PERFORM _check_common('what is asked about', coalesce(p_key, 'plan'), NULL, NULL, '{}', p_class, p_owner);
+    PERFORM _check_common('what is asked about', coalesce(p_key, 'plan'), NULL, NULL, '{}', p_class),
+            _check_word('what is asked about', 'class', p_class), _check_word('what is asked about', 'owner', p_owner);
     IF p_key IS NULL THEN
         -- Nothing is replaced.
         p_key := CASE WHEN _has_key(p_scene_id, 'plan') THEN 'plan ' || gen_random_uuid() ELSE 'plan' END;

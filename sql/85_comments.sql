@@ -14,7 +14,11 @@ COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
 COMMENT ON COLUMN area.area_id IS 'Id within this database.';
 COMMENT ON COLUMN area.scene_id IS 'Scene of the area.';
 COMMENT ON COLUMN area.key IS 'Id, unique among the areas and tracks of the scene.';
+/* area plain: COMMENT ON COLUMN area.NAME IS DOC; but floor_m = but ceiling_m = but schedule = */
 COMMENT ON COLUMN area.name IS 'Display name; null: none.';
+COMMENT ON COLUMN area.class IS 'Class that separation rules name; null: none.';
+COMMENT ON COLUMN area.owner IS 'Owner, whose objects are not compared with each other; null: none.';
+/* end */
 COMMENT ON COLUMN area.footprint IS
 'Longitude and latitude, degrees; longitudes may exceed 180. Edges are straight in the scene''s plane.';
 COMMENT ON COLUMN area.activations IS
@@ -39,8 +43,6 @@ COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above the vertical datu
 COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above the vertical datum, exclusive; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN area.version IS 'Increases whenever key, footprint, span, heights, class or owner change.';
-COMMENT ON COLUMN area.class IS 'Class that separation rules name; null: none.';
-COMMENT ON COLUMN area.owner IS 'Owner, whose objects are not compared with each other; null: none.';
 COMMENT ON COLUMN area.first_version IS
 'Version at insertion. Pieces and conflicts of lower versions belong to a former area with the same area_id.';
 
@@ -48,7 +50,12 @@ COMMENT ON TABLE track IS 'Havens carried along waypoints at constant speed on e
 COMMENT ON COLUMN track.track_id IS 'Id within this database.';
 COMMENT ON COLUMN track.scene_id IS 'Scene of the track.';
 COMMENT ON COLUMN track.key IS 'Id, unique among the areas and tracks of the scene.';
+/* track plain: COMMENT ON COLUMN track.NAME IS DOC; but floor_m = but ceiling_m = but grow_mps =
+   but tolerances = but schedule = */
 COMMENT ON COLUMN track.name IS 'Display name; null: none.';
+COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
+COMMENT ON COLUMN track.owner IS 'Owner, whose objects are not compared with each other; null: none.';
+/* end */
 COMMENT ON COLUMN track.path IS
 'Waypoints: longitude and latitude in degrees, M in Unix seconds, precise to the microsecond.';
 COMMENT ON COLUMN track.outline IS
@@ -69,8 +76,6 @@ COMMENT ON COLUMN track.ceilings_m IS
 'Null: ceiling_m applies to all legs.';
 COMMENT ON COLUMN track.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth, heights, class or owner change.';
-COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
-COMMENT ON COLUMN track.owner IS 'Owner, whose objects are not compared with each other; null: none.';
 COMMENT ON COLUMN track.first_version IS
 'Version at insertion. Pieces and conflicts of lower versions belong to a former track with the same track_id.';
 COMMENT ON COLUMN track.grow_mps IS

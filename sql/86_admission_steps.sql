@@ -240,10 +240,13 @@ COMMENT ON FUNCTION _instants_of(jsonb) IS
 'Parses a JSON array of instants with an offset (instant); null for null. Raises ZC003 for anything else.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._plans_of(p_plans jsonb) RETURNS TABLE (
-    key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
-    outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
-    floors_m double precision[], ceilings_m double precision[], grow_mps double precision, properties jsonb,
-    class text, owner text, activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb
+    key text, times timestamptz[],
+    /* plan columns: NAME TYPE */
+    footprint geometry, active_span tstzrange, path geometry, outline geometry, floor_m double precision,
+    ceiling_m double precision, name text, properties jsonb, grow_mps double precision, outlines geometry,
+    floors_m double precision[], ceilings_m double precision[], class text, owner text, tolerances jsonb,
+    activations tstzmultirange, departures timestamptz[], schedule jsonb
+    /* end */
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -254,18 +257,30 @@ BEGIN
     FOR v_given IN SELECT g FROM jsonb_array_elements(p_plans) g LOOP
         v_who := format('plan %L', v_given ->> 'key');
         BEGIN
-            SELECT p.key, p.name, p.footprint, _span_of(p.active_span), p.path, _instants_of(p.times), p.outline,
-                   p.outlines, p.floor_m, p.ceiling_m, p.floors_m, p.ceilings_m, p.grow_mps, p.properties, p.class,
-                   p.owner, _spans_of(p.activations), _instants_of(p.departures), p.schedule, p.tolerances
-                INTO key, name, footprint, active_span, path, times, outline, outlines, floor_m, ceiling_m,
-                     floors_m, ceilings_m, grow_mps, properties, class, owner, activations, departures, schedule,
-                     tolerances
+            SELECT
+                p.key, _instants_of(p.times),
+                /* plan columns: p.NAME but active_span = _span_of(p.active_span)
+                   but activations = _spans_of(p.activations) but departures = _instants_of(p.departures) */
+                p.footprint, _span_of(p.active_span), p.path, p.outline, p.floor_m, p.ceiling_m, p.name, p.properties,
+                p.grow_mps, p.outlines, p.floors_m, p.ceilings_m, p.class, p.owner, p.tolerances,
+                _spans_of(p.activations), _instants_of(p.departures), p.schedule
+                /* end */
+                INTO
+                key, times,
+                /* plan columns: NAME */
+                footprint, active_span, path, outline, floor_m, ceiling_m, name, properties, grow_mps, outlines,
+                floors_m, ceilings_m, class, owner, tolerances, activations, departures, schedule
+                /* end */
                 FROM jsonb_to_record(v_given) p (
-                    key text, name text, footprint geometry, active_span text, path geometry, times jsonb,
-                    outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
-                    floors_m double precision[], ceilings_m double precision[], grow_mps double precision,
-                    properties jsonb, class text, owner text, activations text, departures jsonb,
-                    schedule jsonb, tolerances jsonb);
+                    key text, times jsonb,
+                    /* plan columns: NAME TYPE but active_span = active_span text
+                       but activations = activations text but departures = departures jsonb */
+                    footprint geometry, active_span text, path geometry, outline geometry, floor_m double precision,
+                    ceiling_m double precision, name text, properties jsonb, grow_mps double precision,
+                    outlines geometry, floors_m double precision[], ceilings_m double precision[], class text,
+                    owner text, tolerances jsonb, activations text, departures jsonb, schedule jsonb
+                    /* end */
+                );
         EXCEPTION WHEN OTHERS THEN
             FOUND := _raise('ZC016', v_who, 'plan', format('cannot be read: %s', left(SQLERRM, 200)), 'plan_readable');
         END;
@@ -322,30 +337,51 @@ BEGIN
     END IF;
     PERFORM remove_object(p_scene, k) FROM unnest(p_removed) k;
     -- One statement for all areas, whose triggers run once; otherwise as put_area.
-    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
-                           activations, schedule)
-        SELECT v_scene_id, p.key, p.name, ST_Multi(ST_Force2D(p.footprint)),
-               coalesce(p.active_span, CASE WHEN NOT isempty(p.activations) THEN range_merge(p.activations) END),
-               p.floor_m, p.ceiling_m, p.properties, p.class, p.owner, p.activations, p.schedule
+    INSERT INTO area AS a (
+        scene_id, key,
+        /* area columns: NAME */
+        footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+        /* end */
+    ) SELECT
+        v_scene_id, p.key,
+        /* area columns: p.NAME but footprint = ST_Multi(ST_Force2D(p.footprint))
+           but active_span = coalesce(p.active_span,
+                                      CASE WHEN NOT isempty(p.activations) THEN range_merge(p.activations) END) */
+        ST_Multi(ST_Force2D(p.footprint)),
+        coalesce(p.active_span, CASE WHEN NOT isempty(p.activations) THEN range_merge(p.activations) END), p.floor_m,
+        p.ceiling_m, p.name, p.properties, p.class, p.owner, p.activations, p.schedule
+        /* end */
         FROM _plans_of((SELECT jsonb_agg(g) FROM jsonb_array_elements(p_plans) g
                         WHERE g ->> 'footprint' IS NOT NULL)) p
-        ON CONFLICT (scene_id, key) DO UPDATE
-            SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
-                class = excluded.class, owner = excluded.owner, activations = excluded.activations,
-                schedule = excluded.schedule
-            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
-                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
-                  IS DISTINCT FROM
-                  (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule);
+        ON CONFLICT (scene_id, key) DO UPDATE SET
+        /* area columns: NAME = excluded.NAME */
+        footprint = excluded.footprint, active_span = excluded.active_span, floor_m = excluded.floor_m,
+        ceiling_m = excluded.ceiling_m, name = excluded.name, properties = excluded.properties, class = excluded.class,
+        owner = excluded.owner, activations = excluded.activations, schedule = excluded.schedule
+        /* end */
+        WHERE (
+            /* area columns: WRITTEN(a) */
+            a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+            CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+            /* end */
+        ) IS DISTINCT FROM (
+            /* area columns: excluded.NAME */
+            excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m, excluded.name,
+            excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule
+            /* end */
+        );
     FOR v_plan IN SELECT p.* FROM _plans_of((SELECT jsonb_agg(g) FROM jsonb_array_elements(p_plans) g
                                              WHERE g ->> 'footprint' IS NULL)) p LOOP
         PERFORM put_track(
-            p_scene, v_plan.key, v_plan.path, v_plan.outline, v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
-            v_plan.properties, v_plan.grow_mps, v_plan.outlines, v_plan.floors_m, v_plan.ceilings_m,
-            p_class => v_plan.class, p_owner => v_plan.owner, p_departures => v_plan.departures,
-            p_schedule => v_plan.schedule, p_tolerances => v_plan.tolerances);
+            p_scene, v_plan.key,
+            /* track columns: p_NAME => v_plan.NAME */
+            p_path => v_plan.path, p_outline => v_plan.outline, p_floor_m => v_plan.floor_m,
+            p_ceiling_m => v_plan.ceiling_m, p_name => v_plan.name, p_properties => v_plan.properties,
+            p_grow_mps => v_plan.grow_mps, p_outlines => v_plan.outlines, p_floors_m => v_plan.floors_m,
+            p_ceilings_m => v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
+            p_tolerances => v_plan.tolerances, p_departures => v_plan.departures, p_schedule => v_plan.schedule
+            /* end */
+        );
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
 END

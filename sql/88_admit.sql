@@ -5,9 +5,12 @@ LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_most CONSTANT integer := 1000;
     c_members CONSTANT text[] := ARRAY[
-        'key', 'name', 'footprint', 'active_span', 'path', 'times', 'outline', 'outlines', 'floor_m', 'ceiling_m',
-        'floors_m', 'ceilings_m', 'grow_mps', 'properties', 'class', 'owner', 'activations', 'departures',
-        'tolerances'];
+        'key', 'times',
+        /* plan columns: 'NAME' but schedule = */
+        'footprint', 'active_span', 'path', 'outline', 'floor_m', 'ceiling_m', 'name', 'properties', 'grow_mps',
+        'outlines', 'floors_m', 'ceilings_m', 'class', 'owner', 'tolerances', 'activations', 'departures'
+        /* end */
+    ];
     v_plan jsonb;
     v_who text;
     v_member text;
@@ -26,7 +29,11 @@ BEGIN
         IF num_nonnulls(v_plan ->> 'footprint', v_plan ->> 'path') <> 1 THEN
             FOUND := _raise('ZC016', v_who, 'footprint', 'must be given, or path, and not both', 'plan_kind');
         END IF;
-        SELECT k INTO v_member FROM unnest(ARRAY['name', 'class', 'owner']) k
+        SELECT k INTO v_member FROM unnest(ARRAY[
+            /* plan texts: 'NAME' */
+            'name', 'class', 'owner'
+            /* end */
+            ]) k
             WHERE jsonb_typeof(v_plan -> k) NOT IN ('string', 'null') LIMIT 1;
         IF FOUND THEN
             FOUND := _raise('ZC016', v_who, v_member,
@@ -40,9 +47,16 @@ BEGIN
         END IF;
         SELECT k INTO v_member FROM jsonb_object_keys(v_plan) k
             WHERE jsonb_typeof(v_plan -> k) <> 'null'
-              AND k = ANY (CASE WHEN v_plan ->> 'footprint' IS NULL THEN ARRAY['active_span', 'activations']
-                                ELSE ARRAY['times', 'outline', 'outlines', 'floors_m', 'ceilings_m', 'grow_mps',
-                                           'departures', 'tolerances'] END) LIMIT 1;
+              AND k = ANY (CASE WHEN v_plan ->> 'footprint' IS NULL THEN ARRAY[
+                    /* area alone: 'NAME' but footprint = */
+                    'active_span', 'activations'
+                    /* end */
+                ] ELSE ARRAY[
+                    'times',
+                    /* track alone: 'NAME' but path = */
+                    'outline', 'grow_mps', 'outlines', 'floors_m', 'ceilings_m', 'tolerances', 'departures'
+                    /* end */
+                ] END) LIMIT 1;
         IF FOUND THEN
             FOUND := _raise('ZC016', v_who, v_member,
                             format('is not a member of %s', CASE WHEN v_plan ->> 'footprint' IS NULL THEN 'a track'
@@ -318,12 +332,20 @@ DECLARE
                                           'turn_radius_m', 'departure_window', 'arrival_window'];
     -- Texts that have a meaning in ranges only; workers refuse them.
     c_of_ranges CONSTANT text := '^$|infinity|["(),[\]]';
-    c_of_both CONSTANT jsonb := '{"kind": "string", "name": "string", "class": "string", "owner": "string",
-                                  "floor_m": "number", "ceiling_m": "number"}';
-    c_of_areas CONSTANT jsonb := c_of_both || '{"start": "string", "end": "string", "spans": "array"}';
-    c_of_tracks CONSTANT jsonb := c_of_both || '{"times": "array", "outline_m": "array", "fore_m": "number",
-                                                 "aft_m": "number", "port_m": "number", "starboard_m": "number",
-                                                 "departures": "array", "grow_mps": "number"}';
+    c_of_areas CONSTANT jsonb := jsonb_build_object(
+        'kind', 'string', 'start', 'string', 'end', 'string', 'spans', 'array',
+        /* area values: MEMBER, JSON */
+        'floor_m', 'number', 'ceiling_m', 'number', 'name', 'string', 'class', 'string', 'owner', 'string'
+        /* end */
+    );
+    c_of_tracks CONSTANT jsonb := jsonb_build_object(
+        'kind', 'string', 'times', 'array', 'outline_m', 'array', 'fore_m', 'number', 'aft_m', 'number',
+        'port_m', 'number', 'starboard_m', 'number', 'departures', 'array',
+        /* track values: MEMBER, JSON */
+        'floor_m', 'number', 'ceiling_m', 'number', 'name', 'string', 'grow_mps', 'number', 'class', 'string',
+        'owner', 'string'
+        /* end */
+    );
     v_geometry jsonb := p_feature -> 'geometry';
     v_type text := v_geometry ->> 'type';
     v_is_area boolean := v_type IN ('Polygon', 'MultiPolygon');
@@ -446,33 +468,41 @@ BEGIN
         IF v_plan.footprint IS NOT NULL THEN
             v_area := NULL;
             v_area.key := v_plan.key;
-            v_area.name := v_plan.name;
+            /* area columns: v_area.NAME := TAKEN(v_plan);
+               but footprint = v_area.footprint := ST_Multi(ST_Force2D(v_plan.footprint));
+               but active_span = v_area.active_span := _half_open(v_plan.active_span, v_is_closed);
+               but activations = v_area.activations := _half_open(v_plan.activations, v_is_closed);
+               but schedule = */
             v_area.footprint := ST_Multi(ST_Force2D(v_plan.footprint));
             v_area.active_span := _half_open(v_plan.active_span, v_is_closed);
-            v_area.activations := _half_open(v_plan.activations, v_is_closed);
             v_area.floor_m := v_plan.floor_m;
             v_area.ceiling_m := v_plan.ceiling_m;
-            v_area.properties := v_plan.properties;
+            v_area.name := v_plan.name;
+            v_area.properties := coalesce(v_plan.properties, '{}');
             v_area.class := v_plan.class;
             v_area.owner := v_plan.owner;
+            v_area.activations := _half_open(v_plan.activations, v_is_closed);
+            /* end */
             v_features := v_features || _feature(v_area);
         ELSE
             v_track := NULL;
             v_track.key := v_plan.key;
-            v_track.name := v_plan.name;
+            /* track columns: v_track.NAME := TAKEN(v_plan); but schedule = */
             v_track.path := v_plan.path;
             v_track.outline := v_plan.outline;
-            v_track.outlines := v_plan.outlines;
             v_track.floor_m := v_plan.floor_m;
             v_track.ceiling_m := v_plan.ceiling_m;
+            v_track.name := v_plan.name;
+            v_track.properties := coalesce(v_plan.properties, '{}');
+            v_track.grow_mps := coalesce(v_plan.grow_mps, 0);
+            v_track.outlines := v_plan.outlines;
             v_track.floors_m := v_plan.floors_m;
             v_track.ceilings_m := v_plan.ceilings_m;
-            v_track.grow_mps := coalesce(v_plan.grow_mps, 0);
-            v_track.properties := v_plan.properties;
             v_track.class := v_plan.class;
             v_track.owner := v_plan.owner;
-            v_track.departures := v_plan.departures;
             v_track.tolerances := nullif(v_plan.tolerances, 'null');
+            v_track.departures := v_plan.departures;
+            /* end */
             v_features := v_features || _feature(v_track);
         END IF;
     END LOOP;

@@ -33,7 +33,7 @@ def number_of(word: str | float | None) -> int:
     """Return a 64-bit digest of a word or number, 0 for None; collision probability 2^-64 per pair."""
     if word is None:
         return 0
-    text = word if isinstance(word, str) else struct.pack(">d", word).hex()
+    text = word if isinstance(word, str) else struct.pack(">d", word + 0.0).hex()  # -0.0 is 0.0
     return int.from_bytes(md5(text.encode(), usedforsecurity=False).digest()[:8], signed=True)
 
 

@@ -161,7 +161,7 @@ PLAN_COLUMNS: Final = (
         "ceiling_m", _BOTH, Form.NUMBER, _METRES, "Height that it stays below; null: no limit.", "m",
         check=in_its_plan, sqlstate="ZC004",
     ),
-    PlanColumn("name", _BOTH, Form.TEXT, "text", "Name for people.", changes_answers=False),
+    PlanColumn("name", _BOTH, Form.TEXT, "text", "Display name; null: none.", changes_answers=False),
     PlanColumn(
         "properties", _BOTH, Form.OWN, "jsonb", "Additional data of its source, a JSON object.",
         changes_answers=False, sqlstate="ZC012", default="'{}'",

@@ -91,8 +91,8 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
             strings["spans"],
             np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
         ),
-        columns["floor_m"],
-        columns["ceiling_m"],
+        _height(columns["floor_m"], -np.inf),
+        _height(columns["ceiling_m"], np.inf),
         _words(Kind.AREA, columns),
     )
 
@@ -100,6 +100,11 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
 def _words(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """Return the numbers (n, k) of WORDS in rows."""
     return np.column_stack([columns[f"{one.name}_number"] for one in WORDS[kind]])
+
+
+def _height(heights_m: NDArray[np.float64], unbounded: float) -> NDArray[np.float64]:
+    """Return heights, also of `_read_areas` and `_read_tracks`, where NaN is none."""
+    return np.where(np.isnan(heights_m), unbounded, heights_m)
 
 
 def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -135,8 +140,8 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         times_us,
         outline_offset,
         outline_m,
-        _leg_heights(columns["floor_m"], strings["floors"], waypoint_offset, -np.inf),
-        _leg_heights(columns["ceiling_m"], strings["ceilings"], waypoint_offset, np.inf),
+        _leg_heights(_height(columns["floor_m"], -np.inf), strings["floors"], waypoint_offset, -np.inf),
+        _leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings"], waypoint_offset, np.inf),
         columns["grow_mps"],
         outlines_offset,
         outlines_m,

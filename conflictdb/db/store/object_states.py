@@ -12,7 +12,7 @@ from conflictdb.arrays.words import WORDS, number_of
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call
 from conflictdb.db.store.detections import area_batch, track_batch
-from conflictdb.db.store.stored_objects import each_area_row, each_track_row, value_of
+from conflictdb.db.store.stored_objects import each_area_row, each_track_row, values_of_rows
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.digests import area_digests, track_digests
 
@@ -73,10 +73,8 @@ def _with_numbers(
     kind: Kind, columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
 ) -> dict[str, NDArray[Any]]:
     """Return columns with the numbers of their words."""
-    return columns | {
-        f"{one.name}_number": np.array([number_of(value_of(one, sent)) for sent in strings[one.name]], np.int64)
-        for one in WORDS[kind]
-    }
+    values = {one.name: values_of_rows(one, columns, strings) for one in WORDS[kind]}
+    return columns | {f"{name}_number": np.array(list(map(number_of, of)), np.int64) for name, of in values.items()}
 
 
 def _states(kind: Kind, *columns: Any) -> tuple[NDArray[Any], ...]:

@@ -15,27 +15,30 @@ from numpy.typing import NDArray
 from psycopg.rows import tuple_row
 
 from conflictdb.db.store.connection import require_idle, snapshot, translated
-from conflictdb.db.store.stored_objects import Numbered, areas_of, tracks_of
+from conflictdb.db.store.stored_objects import Numbered, areas_of, fixed_columns, string_columns, tracks_of
 from conflictdb.errors import StoreError
 from conflictdb.model.results import Kind
 
 # The query of readers. Texts and instants are bytes, so they do not depend on connection settings. Names and properties
 # are not read.
+_NOT_READ: Final = ("name", "properties")
+
+
+def _query(kind: Kind, own: str) -> str:
+    words = "".join(f", convert_to({name}, 'UTF8') AS {name}" for name in string_columns(kind) if name not in _NOT_READ)
+    numbers = "".join(f", {name}" for name, _ in fixed_columns(kind))
+    return (
+        f"SELECT {kind.value}_id AS object_id, version{numbers}, {own}, convert_to(key, 'UTF8') AS key{words},"  # noqa: S608
+        f" pg_current_snapshot()::text AS state FROM conflictdb_internal._read_{kind.value}s({{scene_id}}, NULL)"
+    )
+
+
 _ROWS: Final = {
-    Kind.AREA: (
-        "SELECT area_id AS object_id, version, timestamptz_send(span_start) AS start,"
-        " timestamptz_send(span_end) AS \"end\", floor_m, ceiling_m, footprint, spans, convert_to(key, 'UTF8') AS key,"
-        " convert_to(class, 'UTF8') AS class, convert_to(owner, 'UTF8') AS owner,"
-        " convert_to(schedule, 'UTF8') AS schedule, pg_current_snapshot()::text AS state"
-        " FROM conflictdb_internal._read_areas({scene_id}, NULL)"
+    Kind.AREA: _query(
+        Kind.AREA,
+        'timestamptz_send(span_start) AS start, timestamptz_send(span_end) AS "end", footprint, spans',
     ),
-    Kind.TRACK: (
-        "SELECT track_id AS object_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, floors,"
-        " ceilings, departures, convert_to(key, 'UTF8') AS key, convert_to(class, 'UTF8') AS class,"
-        " convert_to(owner, 'UTF8') AS owner, convert_to(tolerances, 'UTF8') AS tolerances,"
-        " convert_to(schedule, 'UTF8') AS schedule, pg_current_snapshot()::text AS state"
-        " FROM conflictdb_internal._read_tracks({scene_id}, NULL)"
-    ),
+    Kind.TRACK: _query(Kind.TRACK, "path, outline, outlines, floors, ceilings, departures"),
 }
 # The first of every n ids.
 _FIRSTS: Final = {
@@ -96,7 +99,6 @@ def numbered(kind: Kind, columns: Mapping[str, NDArray[Any]], strings: Mapping[s
     """
     n = len(columns["object_id"])
     none = {"name": [b""] * n, "properties": [b"{}"] * n}
-    columns = {**columns, "has_name": np.zeros(n, np.bool_)}
     of = columns["object_id"], columns["version"]
     if kind == Kind.TRACK:
         return Numbered([], tracks_of(columns, {**strings, **none}), *of)

@@ -21,12 +21,24 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
-from conflictdb.model.plan_columns import Form, PlanColumn
+from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, columns_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
 from conflictdb.model.rules import members_of, rule_of
 from conflictdb.model.settings import SETTINGS, SettingType
 
 _Plan = TypeVar("_Plan", Area, Track)
+_PLAIN = (Form.TEXT, Form.WORD, Form.DOCUMENT)
+
+
+def fixed_columns(kind: str) -> list[tuple[str, str]]:
+    """Return the numbers of plans in rows of `_read_areas` or `_read_tracks`, NaN for none."""
+    return [(one.name, "f8") for one in columns_of(kind, Form.NUMBER)]
+
+
+def string_columns(kind: str) -> list[str]:
+    """Return the other plain columns of plans in these rows, without bytes for none."""
+    return [one.name for one in columns_of(kind, *_PLAIN)]
+
 
 # Areas, and tracks, that are encoded at once: bounds memory.
 _SENT_AT_ONCE = 10_000
@@ -42,9 +54,11 @@ TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "departure
 # Of rows of tracks, after all others.
 TOLERANCES = ["tolerances"]
 # Those of _read_areas and _read_tracks.
-_TEXTS = ["key", "name", "properties", "class", "owner", "schedule"]
-_READ_AREAS = [*AREA_COLUMNS, ("has_name", "b1")], AREA_STRINGS + _TEXTS
-_READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS + TOLERANCES
+_READ_AREAS = [*AREA_COLUMNS[:4], *fixed_columns(AREA)], [*AREA_STRINGS, "key", "properties", *string_columns(AREA)]
+_READ_TRACKS = (
+    [*TRACK_COLUMNS[:2], *fixed_columns(TRACK)],
+    [*TRACK_STRINGS, "key", "properties", *string_columns(TRACK)],
+)
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
 
 
@@ -144,12 +158,9 @@ def put_plans(
     for plans, columns in plans_of:
         shapes = [name for name in ("footprint", "path", "outline", "outlines") if name in columns]
         for k, one in enumerate(plans):
-            row: dict[str, Any] = {"key": one.key, "name": one.name, "class": one.object_class, "owner": one.owner}
-            if isinstance(one, Track):
-                row["tolerances"] = one.tolerances
-            row |= {name: getattr(one, name) for name in ("floor_m", "ceiling_m")} | {
-                "properties": dict(one.properties)
-            }
+            kind = AREA if isinstance(one, Area) else TRACK
+            row: dict[str, Any] = {"key": one.key, "properties": dict(one.properties)}
+            row |= {column.name: getattr(one, column.field) for column in columns_of(kind, *_PLAIN, Form.NUMBER)}
             for name in shapes:
                 column = cast("copy_binary.Ragged", columns[name])
                 row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
@@ -159,20 +170,19 @@ def put_plans(
 
 def _track_fields(track: Track) -> dict[str, Any]:
     heights = {"floors_m": track.floors_m, "ceilings_m": track.ceilings_m}
-    per_leg = {
+    fields: dict[str, Any] = {
         name: None if given is None else [x if math.isfinite(x) else None for x in given.tolist()]
         for name, given in heights.items()
     }
-    recurs = {"schedule": track.schedule} if track.schedule is not None else {}
     if track.departures_us is not None and track.schedule is None:
-        recurs = {"departures": [(EPOCH + us * MICROSECOND).isoformat() for us in track.departures_us]}
-    return {"grow_mps": track.grow_mps, **per_leg, **recurs}
+        fields["departures"] = [(EPOCH + us * MICROSECOND).isoformat() for us in track.departures_us]
+    return fields
 
 
 def _area_fields(area: Area) -> dict[str, Any]:
     if area.spans_us is not None and area.schedule is None:
         return {"activations": "{" + ",".join(map(_range, area.spans_us)) + "}"}
-    return {"active_span": _range((area.start_us, area.end_us)), "schedule": area.schedule}
+    return {"active_span": _range((area.start_us, area.end_us))}
 
 
 def _range(span_us: tuple[int | None, int | None]) -> str:
@@ -293,19 +303,13 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
         (StoredArea if strings["schedule"][i] else Area)(
             key=strings["key"][i].decode(),
             footprint=footprints[i],
-            name=strings["name"][i].decode() if has_name else None,
             start_us=_certain(start[i]),
             end_us=_certain(end[i]),
-            floor_m=None if math.isinf(floor_m) else floor_m,
-            ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
-            object_class=strings["class"][i].decode() or None,
-            owner=strings["owner"][i].decode() or None,
-            **_activations("spans_us", strings["spans"][i], strings["schedule"][i]),
+            **_activations("spans_us", strings["spans"][i]),
+            **plain,
         )
-        for i, (has_name, floor_m, ceiling_m) in enumerate(
-            zip(*(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m")), strict=True)
-        )
+        for i, plain in enumerate(_plain(AREA, columns, strings))
     ]
 
 
@@ -324,47 +328,49 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             positions_deg=positions[way[i] : way[i + 1]],
             times_us=all_certain(times[way[i] : way[i + 1]]),
             outline_m=outline[ring[i] : ring[i + 1]] if given is None else given[0],
-            name=strings["name"][i].decode() if has_name else None,
-            floor_m=None if math.isinf(floor_m) else floor_m,
-            ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
-            grow_mps=grow_mps,
             outlines_m=given,
             floors_m=decode_heights(strings["floors"][i], -np.inf),
             ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
-            object_class=strings["class"][i].decode() or None,
-            owner=strings["owner"][i].decode() or None,
-            tolerances=decode_tolerances(strings["tolerances"][i]),
-            **_activations("departures_us", strings["departures"][i], strings["schedule"][i]),
+            **_activations("departures_us", strings["departures"][i]),
+            **plain,
             max_speed_kn=math.inf,
         )
-        for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
-            zip(
-                *(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m", "grow_mps")),
-                outlines,
-                strict=True,
-            )
-        )
+        for i, (plain, given) in enumerate(zip(_plain(TRACK, columns, strings), outlines, strict=True))
     ]
+
+
+def _plain(
+    kind: str, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]
+) -> Iterator[dict[str, Any]]:
+    """Return the plain columns of each row as fields of `Area` or `Track`."""
+    values = {one.field: values_of_rows(one, columns, strings) for one in columns_of(kind, *_PLAIN, Form.NUMBER)}
+    return (dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True))
+
+
+def values_of_rows(
+    column: PlanColumn, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]
+) -> list[Any]:
+    """Return the values of a plain column in rows of `_read_areas` or `_read_tracks`."""
+    if column.form is Form.NUMBER:
+        return [column.absent if math.isnan(value) else value for value in columns[column.name].tolist()]
+    if column.form is Form.WORD:
+        return [sent.decode() or None for sent in strings[column.name]]
+    return [json.loads(sent) if sent else None for sent in strings[column.name]]
 
 
 def _certain(at_us: int) -> np.datetime64 | None:
     return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else certain(at_us)
 
 
-def _activations(name: str, sent: bytes, schedule: bytes) -> dict[str, Any]:
-    """Return the activations and the schedule of an object as its members; few objects have any."""
-    found: dict[str, Any] = {}
-    if sent:
-        at_us = decode_instants(sent)
-        found[name] = (
-            [[_certain(one) for one in pair] for pair in at_us.reshape(-1, 2).tolist()]
-            if name == "spans_us"
-            else all_certain(at_us)
-        )
-    if schedule:
-        found["schedule"] = json.loads(schedule)
-    return found
+def _activations(name: str, sent: bytes) -> dict[str, Any]:
+    """Return the activations of an object as a member; few objects have any."""
+    if not sent:
+        return {}
+    at_us = decode_instants(sent)
+    if name == "spans_us":
+        return {name: [[_certain(one) for one in pair] for pair in at_us.reshape(-1, 2).tolist()]}
+    return {name: all_certain(at_us)}
 
 
 def decode_instants(sent: bytes) -> NDArray[np.int64]:
@@ -419,13 +425,6 @@ def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
     return np.where(np.isnan(heights), unbounded, heights)
 
 
-def value_of(column: PlanColumn, sent: bytes) -> Any:
-    """Return the value of a plain column in a row of `_read_areas` or `_read_tracks`; None for no bytes."""
-    if not sent:
-        return None
-    return sent.decode() if column.form is Form.WORD else json.loads(sent)
-
-
 def decode_tolerances(sent: bytes) -> dict[str, Any] | None:
     """Return tolerances from JSON; None for no bytes."""
     return json.loads(sent) if sent else None
@@ -453,17 +452,12 @@ def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
     spans = [None if area.schedule is not None else area.spans_us for area in areas]
     return {
         "key": _texts("area", [a.key for a in areas], [a.key for a in areas], "id"),
-        "name": _texts("area", [a.key for a in areas], [a.name for a in areas], "name"),
         "footprint": copy_binary.Ragged.of(shapely.to_wkb([area.footprint for area in areas], byte_order=1).tolist()),
         "span_start": copy_binary.instants(outer[:, 0]),
         "span_end": copy_binary.instants(outer[:, 1]),
-        "floor_m": copy_binary.fixed([-np.inf if a.floor_m is None else a.floor_m for a in areas], "f8"),
-        "ceiling_m": copy_binary.fixed([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], "f8"),
         "properties": _documents("area", [a.key for a in areas], [a.properties for a in areas]),
-        "class": _texts("area", [a.key for a in areas], [a.object_class for a in areas], "class"),
-        "owner": _texts("area", [a.key for a in areas], [a.owner for a in areas], "owner"),
         "activations": _multispans(spans),
-        "schedule": _schedules("area", areas),
+        **_staged(AREA, areas),
     }
 
 
@@ -483,26 +477,33 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
     keys = [t.key for t in tracks]
     return {
         "key": _texts("track", keys, keys, "id"),
-        "name": _texts("track", keys, [t.name for t in tracks], "name"),
         "path": copy_binary.lines_m(
             np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset
         ),
         "outline": copy_binary.polygons(outline, ring, 0),
-        "floor_m": copy_binary.fixed([-np.inf if t.floor_m is None else t.floor_m for t in tracks], "f8"),
-        "ceiling_m": copy_binary.fixed([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], "f8"),
         "floors": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
         "ceilings": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
         "properties": _documents("track", keys, [t.properties for t in tracks]),
-        "grow_mps": copy_binary.fixed(batch.grow_mps, "f8"),
         "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
-        "class": _texts("track", keys, [t.object_class for t in tracks], "class"),
-        "owner": _texts("track", keys, [t.owner for t in tracks], "owner"),
-        "tolerances": copy_binary.Ragged.of(
-            [None if t.tolerances is None else b"\x01" + json.dumps(t.tolerances).encode() for t in tracks]
-        ),
         "departures": _instants([None if t.schedule is not None else t.departures_us for t in tracks]),
-        "schedule": _schedules("track", tracks),
+        **_staged(TRACK, tracks),
     }
+
+
+def _staged(kind: str, plans: Sequence[Area | Track]) -> dict[str, copy_binary.Column]:
+    """Encode the plain columns of areas or tracks."""
+    keys = [one.key for one in plans]
+    found: dict[str, copy_binary.Column] = {}
+    for column in columns_of(kind, *_PLAIN, Form.NUMBER):
+        values = [getattr(one, column.field) for one in plans]
+        if column.form is Form.NUMBER:
+            found[column.name] = copy_binary.fixed([np.nan if value is None else value for value in values], "f8")
+        elif column.form is Form.DOCUMENT:
+            documents = _documents(kind, keys, [value or {} for value in values], column.members[0])
+            found[column.name] = documents.but_null(np.array([value is None for value in values], np.bool_))
+        else:
+            found[column.name] = _texts(kind, keys, values, column.members[0])
+    return found
 
 
 def _multispans(spans: Sequence[Spans | None]) -> copy_binary.Ragged:
@@ -524,12 +525,6 @@ def _instants(lists: Sequence[tuple[int, ...] | None]) -> copy_binary.Ragged:
     at_us = np.array([at for one in lists for at in one or ()], np.int64)
     arrays = copy_binary.arrays(copy_binary.instants(at_us), offsets([len(one or ()) for one in lists]), "timestamptz")
     return copy_binary.Ragged(arrays.data, arrays.offset, None).but_null(np.array([one is None for one in lists], bool))
-
-
-def _schedules(kind: str, items: Sequence[Area | Track]) -> copy_binary.Ragged:
-    """Encode schedules as jsonb; none: null."""
-    documents = _documents(kind, [item.key for item in items], [item.schedule or {} for item in items], "schedule")
-    return documents.but_null(np.array([item.schedule is None for item in items], np.bool_))
 
 
 def _texts(kind: str, keys: Sequence[str], texts: Sequence[str | None], field: str) -> copy_binary.Ragged:

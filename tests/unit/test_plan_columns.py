@@ -1,0 +1,37 @@
+"""The table of the columns of a plan, and what is made from it."""
+
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+
+from conflictdb.model import plan_columns
+from conflictdb.model.plan_columns import Form, columns_of
+from conflictdb.model.plans import Area, Track
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+import plan_sql
+
+
+@pytest.mark.parametrize("path", sorted(plan_sql.SQL.glob("*.sql")), ids=lambda path: path.name)
+def test_lists_in_sql_are_those_of_the_table(path: Path) -> None:
+    text = path.read_text()
+    assert plan_sql.filled(text) == text, "run docs/plan_sql.py"
+
+
+@pytest.mark.parametrize(("kind", "of"), [(plan_columns.AREA, Area), (plan_columns.TRACK, Track)])
+def test_each_field_of_a_plan_is_of_one_column(kind: str, of: type) -> None:
+    named = [name for column in columns_of(kind) for name in column.python]
+    assert sorted(named) == sorted({field.name for field in fields(of)} - {"key", "legs"})
+    # Type checkers know them all.
+    assert set(named) <= get_type_hints(of).keys()
+
+
+def test_each_plain_value_has_a_rule() -> None:
+    for column in plan_columns.PLAN_COLUMNS:
+        assert column.broken(None) is None
+        if column.check is not plan_columns.in_its_plan:
+            assert column.form is not Form.OWN
+            assert "got" in str(column.broken(object())) or "JSON" in str(column.broken(object()))
