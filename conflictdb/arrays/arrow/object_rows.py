@@ -22,7 +22,7 @@ Instants are to the microsecond, in UTC.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -31,45 +31,46 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.arrow.columns import instants, lists, measures, numbers, of_lists, of_numbers
-from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
+from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch
+from conflictdb.arrays.arrow.forms import Form as ArrowForm
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, PlanColumn
 from conflictdb.model.plans import Area, StoredArea, StoredTrack, Track
 from conflictdb.model.results import Kind
 
 _METRES: Final = pa.list_(pa.float64())
 _INSTANTS: Final = pa.list_(INSTANT)
 _RING: Final = pa.list_(_METRES)
-OBJECTS: Final = Form.of(
-    "objects",
-    1,
-    [
-        pa.field("id", pa.string(), nullable=False),
-        pa.field("kind", pa.string(), nullable=False),
-        pa.field("object_id", pa.int64()),
-        pa.field("version", pa.int64()),
-        pa.field("name", pa.string()),
-        pa.field("geometry", pa.binary(), nullable=False),
-        pa.field("start", INSTANT),
-        pa.field("end", INSTANT),
-        pa.field("times", pa.list_(INSTANT)),
-        pa.field("outline_m", _RING),
-        pa.field("grow_mps", pa.float64()),
-        pa.field("outlines_m", pa.list_(_RING)),
-        pa.field("floor_m", pa.float64()),
-        pa.field("ceiling_m", pa.float64()),
-        pa.field("floors_m", _METRES),
-        pa.field("ceilings_m", _METRES),
-        pa.field("properties", pa.string()),
-        pa.field("class", pa.string()),
-        pa.field("owner", pa.string()),
-        pa.field("tolerances", pa.string()),
-        pa.field("spans", _INSTANTS),
-        pa.field("departures", _INSTANTS),
-        pa.field("schedule", pa.string()),
-    ],
-)
+# The types of columns of the form OWN; the other forms have one each.
+_OWN: Final = {
+    "geometry": pa.binary(),
+    "start": INSTANT,
+    "end": INSTANT,
+    "times": _INSTANTS,
+    "outline_m": _RING,
+    "outlines_m": pa.list_(_RING),
+    "floors_m": _METRES,
+    "ceilings_m": _METRES,
+    "properties": pa.string(),
+    "spans": _INSTANTS,
+    "departures": _INSTANTS,
+}
+_PLAIN: Final = tuple(one for one in PLAN_COLUMNS if one.form is not Form.OWN)
+
+
+def _fields() -> Iterator["pa.Field"]:
+    yield pa.field("id", pa.string(), nullable=False)
+    yield pa.field("kind", pa.string(), nullable=False)
+    yield pa.field("object_id", pa.int64())
+    yield pa.field("version", pa.int64())
+    types = _OWN | {one.arrow[0]: pa.float64() if one.form is Form.NUMBER else pa.string() for one in _PLAIN}
+    for name in dict.fromkeys(name for one in PLAN_COLUMNS for name in one.arrow):
+        yield pa.field(name, types[name], nullable=name != "geometry")
+
+
+OBJECTS: Final = ArrowForm.of("objects", 1, list(_fields()))
 _WHO: Final = f"Arrow form {OBJECTS.name!r}"
 
 
@@ -93,29 +94,33 @@ def of_objects(
             "kind": pa.array([Kind.AREA.value] * len(areas) + [Kind.TRACK.value] * len(tracks), pa.string()),
             "object_id": pa.nulls(n, pa.int64()) if object_ids is None else of_numbers(object_ids),
             "version": pa.nulls(n, pa.int64()) if versions is None else of_numbers(versions),
-            "name": pa.array([item.name for item in items], pa.string()),
             "geometry": pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary()),
             "start": pa.array([*(area.start_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
             "end": pa.array([*(area.end_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
             "times": _of_ragged([*none, *(track.times_us for track in tracks)], INSTANT),
             "outline_m": _of_rings([*none, *(None if t.outlines_m is not None else t.outline_m for t in tracks)]),
-            "grow_mps": pa.array([*none, *(track.grow_mps or None for track in tracks)], pa.float64()),
             "outlines_m": _of_outlines([*none, *(track.outlines_m for track in tracks)]),
-            "floor_m": pa.array([item.floor_m for item in items], pa.float64()),
-            "ceiling_m": pa.array([item.ceiling_m for item in items], pa.float64()),
             "floors_m": _of_heights([*none, *(track.floors_m for track in tracks)]),
             "ceilings_m": _of_heights([*none, *(track.ceilings_m for track in tracks)]),
             "properties": pa.array([_document(item.properties) for item in items], pa.string()),
-            "class": pa.array([item.object_class for item in items], pa.string()),
-            "owner": pa.array([item.owner for item in items], pa.string()),
-            "tolerances": pa.array([*none, *map(_tolerances, tracks)], pa.string()),
             "spans": _of_instants([*(_ends(area) for area in areas), *(None for _ in tracks)]),
             "departures": _of_instants([*none, *(track.departures_us for track in tracks)]),
-            "schedule": pa.array(
-                [None if item.schedule is None else json.dumps(item.schedule) for item in items], pa.string()
-            ),
+            **{one.arrow[0]: _of_plain(one, [*areas], [*tracks]) for one in _PLAIN},
         }
     )
+
+
+def _of_plain(column: PlanColumn, areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
+    """Return the values of areas, then of tracks, null for those without."""
+    values: list[Any] = []
+    for kind, plans in ((AREA, areas), (TRACK, tracks)):
+        given = [getattr(one, column.field) if kind in column.kinds else None for one in plans]
+        values += [None if value == column.absent else value for value in given]
+    if column.form is Form.NUMBER:
+        return pa.array(values, pa.float64())
+    if column.form is Form.DOCUMENT:
+        values = [None if value is None else json.dumps(value) for value in values]
+    return pa.array(values, pa.string())
 
 
 def to_objects(given: Batch, *, are_stored: bool = False) -> tuple[list[Area], list[Track]]:
@@ -133,20 +138,19 @@ def to_objects(given: Batch, *, are_stored: bool = False) -> tuple[list[Area], l
 
 def _areas(columns: Mapping[str, Array], are_stored: bool) -> list[Area]:
     start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
-    heights = zip(columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist(), strict=True)
     of_kind = StoredArea if are_stored else Area
     return [
-        of_kind(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of, *recurring)
-        for key, footprint, name, start, end, (floor_m, ceiling_m), properties, of, recurring in zip(
+        of_kind(
+            key, footprint, start_us=certain(start), end_us=certain(end), properties=properties, spans_us=spans, **plain
+        )
+        for key, footprint, start, end, properties, spans, plain in zip(
             columns["id"].to_pylist(),
             _footprints(columns),
-            columns["name"].to_pylist(),
             start_us,
             end_us,
-            heights,
             _documents(columns),
-            zip(columns["class"].to_pylist(), columns["owner"].to_pylist(), strict=True),
-            zip(_spans(columns), _schedules(columns), strict=True),
+            _spans(columns),
+            _plain(AREA, columns),
             strict=True,
         )
     ]
@@ -159,38 +163,50 @@ def _tracks(columns: Mapping[str, Array], are_stored: bool) -> list[Track]:
     rings, of_ring = lists(columns["outlines_m"])
     changing_m, corner = _rings(rings, "outlines_m")
     floors_m, ceilings_m = (_of_legs(columns[f"{name}s_m"]) for name in ("floor", "ceiling"))
-    keys, names, documents = columns["id"].to_pylist(), columns["name"].to_pylist(), _documents(columns)
-    floor_m, ceiling_m = columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist()
-    growth = measures(columns["grow_mps"], 0.0).tolist()
-    tolerances = columns["tolerances"].to_pylist()
-    classes, owners = columns["class"].to_pylist(), columns["owner"].to_pylist()
-    departures, schedules = _in_lists(columns, "departures"), _schedules(columns)
+    keys, documents, departures = columns["id"].to_pylist(), _documents(columns), _in_lists(columns, "departures")
     tracks = []
-    for i, key in enumerate(keys):
+    for i, plain in enumerate(_plain(TRACK, columns)):
         outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
         tracks.append(
             (StoredTrack if are_stored else Track)(
-                key,
+                keys[i],
                 course[way[i] : way[i + 1]],
                 all_certain(times_us[way[i] : way[i + 1]]),
                 outline_m[ring[i] : ring[i + 1]] if outlines is None else outlines[0],
-                name=names[i],
-                floor_m=floor_m[i],
-                ceiling_m=ceiling_m[i],
                 properties=documents[i],
-                grow_mps=growth[i],
                 outlines_m=outlines,
                 floors_m=floors_m(i, -np.inf),
                 ceilings_m=ceilings_m(i, np.inf),
-                object_class=classes[i],
-                owner=owners[i],
-                tolerances=None if tolerances[i] is None else json.loads(tolerances[i]),
                 departures_us=None if departures[i] is None else all_certain(np.array(departures[i], np.int64)),
-                schedule=schedules[i],
+                **plain,
                 max_speed_kn=np.inf,
             )
         )
     return tracks
+
+
+def _plain(kind: str, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
+    """Return the plain columns of each row as fields of `Area` or `Track`."""
+    found: list[dict[str, Any]] = [{} for _ in range(len(columns["id"]))]
+    for one in _PLAIN:
+        if kind not in one.kinds:
+            continue
+        values = columns[one.arrow[0]].to_pylist()
+        if one.form is Form.DOCUMENT:
+            values = _parsed(kind, columns, one, values)
+        for row, value in zip(found, values, strict=True):
+            row[one.field] = one.absent if value is None else value
+    return found
+
+
+def _parsed(kind: str, columns: Mapping[str, Array], column: PlanColumn, texts: Sequence[str | None]) -> list[Any]:
+    found = []
+    for key, text in zip(columns["id"].to_pylist(), texts, strict=True):
+        try:
+            found.append(None if text is None else json.loads(text))
+        except (ValueError, RecursionError):
+            raise InvalidInput(f"{kind} {key!r}", column.arrow[0], f"must be JSON; got {text!r:.60}") from None
+    return found
 
 
 def _is_track(kind: Array) -> NDArray[np.bool_]:
@@ -283,10 +299,6 @@ def _documents(columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     return documents
 
 
-def _tolerances(track: Track) -> str | None:
-    return None if track.tolerances is None else json.dumps(track.tolerances)
-
-
 def _in_lists(columns: Mapping[str, Array], name: str) -> list[list[int | None] | None]:
     """Return lists of instants in microseconds, None for null."""
     return list(columns[name].cast(pa.list_(pa.int64())).to_pylist())
@@ -299,16 +311,6 @@ def _spans(columns: Mapping[str, Array]) -> list[list[list[np.datetime64 | None]
             raise InvalidInput(f"area {key!r}", "spans", f"must be starts and ends in turn; got {len(ends)} instants")
         at = None if ends is None else [certain(one) for one in ends]
         found.append(None if at is None else [at[i : i + 2] for i in range(0, len(at), 2)])
-    return found
-
-
-def _schedules(columns: Mapping[str, Array]) -> list[Any]:
-    found = []
-    for key, text in zip(columns["id"].to_pylist(), columns["schedule"].to_pylist(), strict=True):
-        try:
-            found.append(None if text is None else json.loads(text))
-        except (ValueError, RecursionError):
-            raise InvalidInput(f"object {key!r}", "schedule", f"must be JSON; got {text!r:.60}") from None
     return found
 
 
