@@ -15,6 +15,7 @@ from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import CIRCLE_TYPE, TRACK_TYPE
 from conflictdb.formats.hints import heights_may_be_unbounded, vertical_datum
 from conflictdb.formats.track_times import TrackAtSpeed
+from conflictdb.model.plan_columns import PLAN_COLUMNS, Form
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.settings import datum_named
 
@@ -22,6 +23,8 @@ ALIASES: Final = {"begin": "start"}  # KML's name
 POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
 LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
 POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
+# Columns whose text is JSON.
+_DOCUMENTS: Final = {one.members[0] for one in PLAN_COLUMNS if one.is_member and one.form is Form.DOCUMENT}
 # Columns, in lower case, that make lines tracks.
 TIMES_OR_SPEED: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 # Features left out by geometry that are listed by number.
@@ -86,14 +89,14 @@ def _comparable(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
-    """Return columns named as in scene files; lists and schedules are parsed from JSON text."""
+    """Return columns named as in scene files; lists and documents are parsed from JSON text."""
     known = {}
     for name, value in values.items():
         lower = ALIASES.get(name.lower(), name.lower())
         if lower not in members | {"id", file_objects.DATUM} or lower in known:
             known[name] = value
             continue
-        if isinstance(value, str) and value.lstrip().startswith(("[", "{") if lower == "schedule" else "["):
+        if isinstance(value, str) and value.lstrip().startswith(("[", "{") if lower in _DOCUMENTS else "["):
             with suppress(ValueError, RecursionError):  # invalid JSON is refused later, as text
                 value = json.loads(value)
         known[lower] = value

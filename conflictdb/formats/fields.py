@@ -70,6 +70,14 @@ class Fields:
             return None if value is None else finite(self.who, name, value)
         return None
 
+    def document(self, name: str) -> Any:
+        """Return a member with any value that a database can store; None if it is absent or invalid."""
+        value = self.get(name)
+        with self.refusals:
+            check_storable(self.who, "", {name: value})
+            return value
+        return None
+
     def instant(self, name: str) -> int | None:
         """Return an ISO 8601 instant in microseconds since 1970; None if it is absent or invalid.
 

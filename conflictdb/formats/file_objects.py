@@ -37,6 +37,7 @@ from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
 from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, columns_of
 from conflictdb.model.plans import (
     METRES_PER_NMI,
     Area,
@@ -55,8 +56,8 @@ HAVEN_OPTION: Final = "--haven, in Python `haven`, gives a size to all without"
 SIZES: Final = tuple(f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi"))
 TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
-# Members that decide how far apart objects must be.
-RULED: Final = ("class", "owner")
+# Members that are words, such as class and owner.
+WORDS: Final = tuple(dict.fromkeys(one.members[0] for one in PLAN_COLUMNS if one.form is Form.WORD))
 # Members with a value for each position, or each leg.
 _OF_POSITIONS: Final = frozenset(
     {*TIMES, "speed_kn", "speed_mps", "floor_m", "ceiling_m", "outlines_m", *tolerances.PER_LEG}
@@ -64,26 +65,25 @@ _OF_POSITIONS: Final = frozenset(
 # What heights are above; read to refuse others than the scene's.
 DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
+# No members of properties.
+_ELSEWHERE: Final = frozenset({"geometry", "properties"})
+# Members that the readers of heights of legs and of schedules read.
+_READ_ELSEWHERE: Final = {AREA: ("schedule",), TRACK: ("schedule", "floor_m", "ceiling_m")}
+
+
+def _members(kind: str) -> frozenset[str]:
+    return frozenset({"kind"} | {name for one in columns_of(kind) for name in one.members} - _ELSEWHERE)
+
+
+def _guarded(kind: str) -> tuple[str, ...]:
+    """Return the members whose loss would change conflicts, but owner, which people use for owners of other kinds."""
+    names = {name for one in columns_of(kind) if one.changes_answers for name in one.members}
+    return tuple(sorted((names | {DATUM}) - _ELSEWHERE - {"owner"}))
+
+
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
-AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "spans", "schedule", "floor_m", "ceiling_m", *RULED})
-TRACK_MEMBERS: Final = frozenset(
-    {
-        "kind",
-        "name",
-        "floor_m",
-        "ceiling_m",
-        "outline_m",
-        "grow_mps",
-        "outlines_m",
-        "departures",
-        "schedule",
-        *TIMES,
-        *SPEED,
-        *RULED,
-        *TOLERANCES,
-        *SIZES,
-    }
-)
+AREA_MEMBERS: Final = _members(AREA)
+TRACK_MEMBERS: Final = _members(TRACK)
 SCENE: Final = Standard(
     "scene file",
     read={
@@ -104,8 +104,8 @@ SCENE: Final = Standard(
     },
 )
 # Members whose loss would change conflicts, and where else they belong.
-AREA_GUARDED: Final = tuple(sorted((AREA_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))
-TRACK_GUARDED: Final = tuple(sorted((TRACK_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))
+AREA_GUARDED: Final = _guarded(AREA)
+TRACK_GUARDED: Final = _guarded(TRACK)
 _SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
 AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
     TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"
@@ -186,12 +186,9 @@ def in_degrees(who: str, footprint: shapely.MultiPolygon, setting: FileContext) 
 def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     """Return the members of an area besides key and footprint; errors are added to the fields' refusals."""
     members = {
-        "name": fields.text("name"),
         "start_us": certain(fields.instant("start")),
         "end_us": certain(fields.instant("end")),
-        "floor_m": fields.number("floor_m"),
-        "ceiling_m": fields.number("ceiling_m"),
-        **_ruled(fields, setting),
+        **_plain(fields, AREA, setting),
         **_recurring(fields, "spans", _spans),
         "properties": fields.rest(),
     }
@@ -278,11 +275,9 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
     members |= _heights(fields, "floor_m", -np.inf) | _heights(fields, "ceiling_m", np.inf)
     members |= {
-        "name": fields.text("name"),
-        "grow_mps": fields.number("grow_mps") or 0.0,
         "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
         **_recurring(fields, "departures", lambda who, value: all_certain(instants(who, "departures", value))),
-        **_ruled(fields, setting),
+        **_plain(fields, TRACK, setting),
         "properties": fields.rest(),
     }
     rest = setting.foreign, setting.remedy
@@ -300,10 +295,24 @@ def _check_datum(fields: Fields, setting: FileContext) -> None:
                 raise fields.refusal(DATUM, rule)
 
 
-def _ruled(fields: Fields, setting: FileContext) -> dict[str, Any]:
-    """Return the class and the owner of an object; checks its vertical datum."""
+def _plain(fields: Fields, kind: str, setting: FileContext) -> dict[str, Any]:
+    """Return the columns that are one member of a plain form; checks the vertical datum."""
     _check_datum(fields, setting)
-    return {"object_class": fields.word("class"), "owner": fields.word("owner")}
+    found: dict[str, Any] = {}
+    for one in columns_of(kind):
+        if one.is_member and one.name not in _READ_ELSEWHERE[kind]:
+            value = _READ[one.form](fields, one.members[0])
+            found[one.field] = one.absent if value is None else value
+    return found
+
+
+# How a member of each form is read.
+_READ: Final[dict[Form, Callable[[Fields, str], Any]]] = {
+    Form.TEXT: Fields.text,
+    Form.WORD: Fields.word,
+    Form.NUMBER: Fields.number,
+    Form.DOCUMENT: Fields.document,
+}
 
 
 def _recurring(fields: Fields, name: str, read: Callable[[str, Any], Any]) -> dict[str, Any]:
@@ -456,10 +465,9 @@ def area_properties(item: Area) -> dict[str, Any]:
     """Return the properties from which `area` reads the same area."""
     return {
         **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
-        **_present(kind="area", name=item.name),
+        "kind": AREA,
         **_active(item),
-        **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
-        **ruled_properties(item),
+        **plain_properties(item),
     }
 
 
@@ -467,17 +475,24 @@ def track_properties(item: Track) -> dict[str, Any]:
     """Return the properties from which `track` reads the same track."""
     return {
         **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
-        **_present(kind="track", name=item.name),
+        "kind": TRACK,
         "times": [format_instant(int(t)) for t in item.times_us],
         **_departing(item),
         **_haven_properties(item),
         **(item.tolerances or {}),
+        **plain_properties(item),
         **_present(
-            floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
-            ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),
+            floor_m=None if item.floors_m is None else _listed(item.floors_m),
+            ceiling_m=None if item.ceilings_m is None else _listed(item.ceilings_m),
         ),
-        **ruled_properties(item),
     }
+
+
+def plain_properties(item: Area | Track, *forms: Form) -> dict[str, Any]:
+    """Return the columns that are one member of some plain forms, or all, without absent ones and the schedule."""
+    columns = columns_of(AREA if isinstance(item, Area) else TRACK, *forms)
+    given = [(one, getattr(item, one.field)) for one in columns if one.is_member and one.name != "schedule"]
+    return {one.members[0]: value for one, value in given if value != one.absent}
 
 
 def _departing(item: Track) -> dict[str, Any]:
@@ -495,31 +510,25 @@ def _active(item: Area) -> dict[str, Any]:
     return _present(start=_instant(item.start_us), end=_instant(item.end_us), schedule=item.schedule)
 
 
-def ruled_properties(item: Area | Track) -> dict[str, Any]:
-    """Return the class and the owner of an object as members, without absent ones."""
-    return _present(**{"class": item.object_class, "owner": item.owner})
-
-
 def _listed(heights: NDArray[np.float64]) -> list[float | None]:
     """Return heights as JSON values, null for unbounded."""
     return [height if np.isfinite(height) else None for height in heights.tolist()]
 
 
 def _haven_properties(item: Track) -> Mapping[str, Any]:
-    """Return the four sides if they give exactly this outline, else the outline or outlines; and the growth."""
+    """Return the four sides if they give exactly this outline, else the outline or outlines."""
     if item.outlines_m is not None:
         rings = item.outlines_m
         if rings.shape[1] > 1 and np.all(rings[:, 0] == rings[:, -1]):
             rings = np.concatenate([rings, rings[:, :1]], axis=1)  # else they would be read as closed
         return {"outlines_m": rings.tolist()}
-    growth = {"grow_mps": item.grow_mps} if item.grow_mps else {}
     outline_m = item.outline_m
     starboard, fore = (float(x) for x in outline_m.max(axis=0))
     port, aft = (-float(x) for x in outline_m.min(axis=0))
     sides = (fore, aft, port, starboard)
     if min(sides) >= 0.0 and np.array_equal(rectangle_outline_m(*sides), outline_m):
-        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)} | growth
-    return {"outline_m": outline_m.tolist()} | growth
+        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)}
+    return {"outline_m": outline_m.tolist()}
 
 
 def _instant(instant_us: int | None) -> str | None:

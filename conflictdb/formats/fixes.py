@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from conflictdb.earth import geodesy
 from conflictdb.formats.contents import FileRefusals, Skipped
 from conflictdb.formats.hints import given_haven, max_gap_s
 from conflictdb.model.inputs import all_certain
+from conflictdb.model.plan_columns import TRACK, Form, columns_of
 from conflictdb.model.plans import EarthModel, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
@@ -211,6 +212,7 @@ def _track_of(key: str, rows: Fixes, course: _Course, size_columns: Sequence[str
     """Return the track of the fixes of one ship."""
     outline_m = _outline(rows.largest, size_columns)
     assert outline_m is not None  # noqa: S101
+    words: dict[str, Any] = {one.field: rows.ruled.get(one.members[0]) for one in columns_of(TRACK, Form.WORD)}
     return Track(
         key,
         course.positions_deg,
@@ -220,8 +222,7 @@ def _track_of(key: str, rows: Fixes, course: _Course, size_columns: Sequence[str
         floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
         ceiling_m=None if "ceiling_m" in rows.unbounded else rows.largest.get("ceiling_m"),
         properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
-        object_class=rows.ruled.get("class"),
-        owner=rows.ruled.get("owner"),
+        **words,
         max_speed_kn=np.inf,  # unreachable fixes are left out
     )
 

@@ -20,13 +20,16 @@ from conflictdb.formats import file_objects
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import MAX_DEPTH, dumped
 from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plan_columns import PLAN_COLUMNS, Form
 from conflictdb.model.tolerances import WINDOWS
 
 # Columns of instants, or of lists of them.
 INSTANTS: Final = frozenset({"start", "end", "time", "spans", "departures", *file_objects.TIMES, *WINDOWS})
 _MEMBERS: Final = file_objects.AREA_MEMBERS | file_objects.TRACK_MEMBERS | INSTANTS | {"id", file_objects.DATUM}
 # Members that are words; a schedule contains dates, times of day and durations.
-_TEXTS: Final = frozenset({"id", "kind", "name", "schedule", file_objects.DATUM, *file_objects.RULED})
+_TEXTS: Final = frozenset({"id", "kind", file_objects.DATUM}) | {
+    one.members[0] for one in PLAN_COLUMNS if one.is_member and one.form is not Form.NUMBER
+}
 _SPAN: Final = "is a span of time, not an instant: give its start_time or end_time"
 
 

@@ -25,6 +25,7 @@ from conflictdb.formats.frame_values import is_of, plain
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import ToDegrees, of_name
 from conflictdb.formats.track_times import TrackAtSpeed, timed
+from conflictdb.model.plan_columns import PLAN_COLUMNS
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
@@ -45,7 +46,7 @@ _WIDEST: Final[Mapping[str, Callable[..., float]]] = {
 _BANDS: Final = frozenset({"floor_m", "ceiling_m"})
 # Fields of Area and Track that members of other names have.
 _FIELDS: Final = {
-    "object_class": "class",
+    **{one.field: one.members[0] for one in PLAN_COLUMNS if one.is_member and one.field not in one.members},
     "tolerances": "its members, such as xtd_port_m",
     **{f"{name}_us": name for name in ("start", "end", "spans", "times", "departures")},
     **{f"{name}s_m": f"{name}_m" for name in ("floor", "ceiling")},

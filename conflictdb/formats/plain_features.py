@@ -22,7 +22,6 @@ from conflictdb.formats.file_objects import (
     AREA_GUARDED,
     AREA_MEMBERS,
     DATUM,
-    RULED,
     SIDES,
     TRACK_ELSEWHERE,
     TRACK_GUARDED,
@@ -41,8 +40,12 @@ from conflictdb.model.rules import class_rule, word_rule
 _FEATURE: Final = frozenset({"type", "id", "geometry", "properties"})
 _GEOMETRY: Final = frozenset({"type", "coordinates"})
 _SIDES: Final = tuple(f"{side}_m" for side in SIDES)
-# Members of tracks that are left to `scene_file`.
-_RARE: Final = TRACK_MEMBERS - {"kind", "name", "times", "outline_m", "floor_m", "ceiling_m", *_SIDES, *RULED}
+# Members that are left to `scene_file`.
+_READ: Final = {"kind", "name", "floor_m", "ceiling_m", "class", "owner"}
+_RARE: Final = {
+    False: AREA_MEMBERS - _READ - {"start", "end"},
+    True: TRACK_MEMBERS - _READ - {"times", "outline_m", *_SIDES},
+}
 # Sides with smaller ranges of longitude and latitude are rhumb lines and great circles, to a metre below 81 degrees.
 _SMALL_DEG: Final = 0.025
 _LEAST_RING: Final = 4  # positions, the last equal to the first
@@ -151,11 +154,10 @@ def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainT
         _require(next(misnamed("", properties, known, elsewhere, setting.foreign), None) is None)
         rest = {member: value for member, value in properties.items() if member not in members}
         check_storable("", "", rest)
+    _require(all(properties[member] is None for member in _RARE[is_track] & properties.keys()))
     if not is_track:
-        _require(properties.get("spans") is None and properties.get("schedule") is None)
         span_us = _instant(properties.get("start")), _instant(properties.get("end"))
         return _PlainArea(row, key, shape, name, heights_m, rest, ruled, span_us)
-    _require(all(properties[member] is None for member in _RARE & properties.keys()))
     times = properties.get("times")
     _require(type(times) is list and len(times) == len(shape) and set(map(type, times)) <= {str})
     return _PlainTrack(row, key, shape, name, heights_m, rest, ruled, times, _outline(properties))

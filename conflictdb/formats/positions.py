@@ -23,7 +23,7 @@ import numpy as np
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, check_columns
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.file_objects import RULED, TOLERANCES
+from conflictdb.formats.file_objects import TOLERANCES, WORDS
 from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, tracks_of, without_size
 from conflictdb.formats.hints import given_haven, renamed
 from conflictdb.formats.instants import parse_instant
@@ -47,8 +47,7 @@ COLUMNS: Final = {
     "starboard_m": ("starboard_m", "to_starboard", "d"),
     "floor_m": ("floor_m",),
     "ceiling_m": ("ceiling_m",),
-    "class": ("class",),
-    "owner": ("owner",),
+    **{name: (name,) for name in WORDS},
 }
 STANDARD: Final = Standard(
     "CSV, as of AIS",
@@ -276,7 +275,7 @@ class _Reader:
             height = self._number(who, row, line, column)
             if height is not None:
                 seen[column] = widest(height, seen.get(column, height))
-        for column in RULED:
+        for column in WORDS:
             word = _cell(row[self.at[column]]) if column in self.at else None
             if word is not None and own.ruled.setdefault(column, word) != word:
                 rule = f"must be the same in all rows of an object ({own.ruled[column]!r:.60}); got {word!r:.60}"
