@@ -7,7 +7,8 @@ the comments in the catalog of a fresh schema, in an embedded database that is t
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
 columns of the model `ConflictRow` in conflictdb/db/models.py. `paths.md` is made from `model.path_limits` and from the
 counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). A table in `files.md` is made from what
-each reader declares (`conflictdb.formats.standards`). Tests say when a page is out of date
+each reader declares (`conflictdb.formats.standards`). `plans.md` and the models of areas and tracks are made from the
+table `model.plan_columns` (lists in sql/: docs/plan_sql.py). Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
@@ -16,6 +17,7 @@ import ast
 import csv
 import dataclasses
 import inspect
+import keyword
 import os
 import re
 import tempfile
@@ -34,7 +36,8 @@ from conflictdb.cli.parser import Parser
 from conflictdb.exchange import aixm, notam, openair, operational_intents, s124, s421, uas_zones
 from conflictdb.formats import file_objects, gpx, kml_document, moving_features, positions, rtz
 from conflictdb.formats.standards import Standard
-from conflictdb.model import path_limits, record
+from conflictdb.model import path_limits, plan_columns, record
+from conflictdb.model.rules import KINDS
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
 NOTE: Final = "<!-- Made by docs/generate.py: do not edit. -->"
@@ -332,6 +335,7 @@ def arrow() -> str:
 
 # --- the model of SQLAlchemy
 
+MADE: Final = "    # Made by docs/generate.py.\n"
 MODELS: Final = REFERENCE.parents[1] / "conflictdb" / "db" / "models.py"
 PRIMARY: Final = ("scene", "a_key", "b_key")
 ANNOTATIONS: Final = {
@@ -345,11 +349,80 @@ ANNOTATIONS: Final = {
 }
 
 
+# Columns of plans of types that need more than their annotation.
+MAPPED: Final = {
+    "footprint": 'WKBElement] = mapped_column(_geometry("MULTIPOLYGON"))',
+    "path": 'WKBElement] = mapped_column(_geometry("LINESTRINGM"))',
+    "outline": 'WKBElement] = mapped_column(_geometry("POLYGON", srid=_METRES))',
+    "outlines": 'WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))',
+    "active_span": "Range[datetime]] = mapped_column(server_default=FetchedValue())",
+    "properties": "dict[str, Any]] = mapped_column(server_default=FetchedValue())",
+    "grow_mps": "float] = mapped_column(server_default=FetchedValue())",
+    "floors_m": "list[float | None] | None]",
+    "ceilings_m": "list[float | None] | None]",
+    "activations": "Sequence[Range[datetime]] | None]",
+    "departures": "list[datetime] | None]",
+}
+PLAIN: Final = {
+    plan_columns.Form.TEXT: "str | None]",
+    plan_columns.Form.WORD: "str | None]",
+    plan_columns.Form.NUMBER: "float | None]",
+    plan_columns.Form.DOCUMENT: "dict[str, Any] | None]",
+}
+
+
 def models() -> str:
-    """Return the module of models, with the columns of the record in `ConflictRow`."""
+    """Return the module of models, with the columns of plans in their rows and of the record in `ConflictRow`."""
     text = MODELS.read_text()
+    for kind in KINDS:
+        begin = text.index(MADE, text.index(f"class {kind.capitalize()}Row(Base)")) + len(MADE)
+        made = "".join(map(_mapped_plan, plan_columns.columns_of(kind)))
+        text = text[:begin] + made + text[text.index("\n\nclass ", begin) :]
     begin = text.index("    scene: ", text.index("class ConflictRow(Base)"))
     return text[:begin] + "".join(map(_mapped, record.COLUMNS)) + text[text.index("\n\n\n", begin) + 1 :]
+
+
+def _mapped_plan(column: plan_columns.PlanColumn) -> str:
+    is_reserved = keyword.iskeyword(column.name)
+    name = column.field if is_reserved else column.name
+    mapped = MAPPED.get(column.name) or PLAIN[column.form]
+    return f"    {name}: Mapped[{mapped}" + (f' = mapped_column("{column.name}")' if is_reserved else "") + "\n"
+
+
+PLANS: Final = f"""\
+# Plans
+
+{NOTE}
+
+The columns of a plan, an area or a track as it is written, and their names in each form. [Files](files.md) says how
+they are written.
+"""
+
+
+def plans() -> str:
+    """Return the page of the columns of a plan."""
+    rows = (
+        (
+            f"`{one.name}`",
+            " or ".join(kind for kind in KINDS if kind in one.kinds),
+            *(", ".join(f"`{name}`" for name in names) for names in (one.python, one.members, one.arrow)),
+            one.sql,
+            one.unit or "",
+            one.doc,
+        )
+        for one in plan_columns.PLAN_COLUMNS
+    )
+    head = [
+        "column",
+        "of",
+        "`Area`, `Track`",
+        "scene files, frames",
+        "Arrow, GeoParquet",
+        "SQL type",
+        "unit",
+        "meaning",
+    ]
+    return f"{PLANS}\n{table(head, rows)}\n"
 
 
 def _mapped(column: record.Column) -> str:
@@ -598,7 +671,7 @@ def main() -> None:
         os.environ["CONFLICTDB_HOME"] = f"{home}/database"
         with conflictdb.connect() as db, db.connection.transaction():
             pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
-        pages |= {"paths.md": paths(), "files.md": files()}
+        pages |= {"paths.md": paths(), "files.md": files(), "plans.md": plans()}
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
     MODELS.write_text(models())

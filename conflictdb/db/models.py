@@ -84,19 +84,20 @@ class AreaRow(Base):
     area_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
     scene_id: Mapped[int] = mapped_column(ForeignKey(SceneRow.scene_id))
     key: Mapped[str]
-    name: Mapped[str | None]
+    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
+    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+    schedule_error: Mapped[str | None]
+    # Made by docs/generate.py.
     footprint: Mapped[WKBElement] = mapped_column(_geometry("MULTIPOLYGON"))
     active_span: Mapped[Range[datetime]] = mapped_column(server_default=FetchedValue())
     floor_m: Mapped[float | None]
     ceiling_m: Mapped[float | None]
+    name: Mapped[str | None]
     properties: Mapped[dict[str, Any]] = mapped_column(server_default=FetchedValue())
-    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
-    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
     activations: Mapped[Sequence[Range[datetime]] | None]
     schedule: Mapped[dict[str, Any] | None]
-    schedule_error: Mapped[str | None]
 
 
 class TrackRow(Base):
@@ -107,24 +108,25 @@ class TrackRow(Base):
     track_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
     scene_id: Mapped[int] = mapped_column(ForeignKey(SceneRow.scene_id))
     key: Mapped[str]
-    name: Mapped[str | None]
+    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
+    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+    schedule_error: Mapped[str | None]
+    # Made by docs/generate.py.
     path: Mapped[WKBElement] = mapped_column(_geometry("LINESTRINGM"))
     outline: Mapped[WKBElement] = mapped_column(_geometry("POLYGON", srid=_METRES))
     floor_m: Mapped[float | None]
     ceiling_m: Mapped[float | None]
+    name: Mapped[str | None]
     properties: Mapped[dict[str, Any]] = mapped_column(server_default=FetchedValue())
-    version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
     grow_mps: Mapped[float] = mapped_column(server_default=FetchedValue())
     outlines: Mapped[WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))
     floors_m: Mapped[list[float | None] | None]
     ceilings_m: Mapped[list[float | None] | None]
-    first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
-    tolerances: Mapped[dict[str, Any] | None] = mapped_column(JSONB)
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
+    tolerances: Mapped[dict[str, Any] | None]
     departures: Mapped[list[datetime] | None]
     schedule: Mapped[dict[str, Any] | None]
-    schedule_error: Mapped[str | None]
 
 
 class ConflictRow(Base):

@@ -4,7 +4,7 @@ import pytest
 from docs_scripts import DOCS, script
 
 
-@pytest.mark.parametrize("name", ["cli", "python", "arrow", "paths", "files"])
+@pytest.mark.parametrize("name", ["cli", "python", "arrow", "paths", "files", "plans"])
 def test_page_is_up_to_date(name: str) -> None:
     """Otherwise: ./run python docs/generate.py."""
     assert (DOCS / "reference" / f"{name}.md").read_text() == getattr(script("generate"), name)()
