@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c16c0ae4081c24399693d4bfa84c0ab055c390075edc95e39c1a598ed93e8bd7"
+routines_sha256 = "3149e1976fad6cb984968ebf52f098c59e5c1e8caee519ada170d23e49b8486b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

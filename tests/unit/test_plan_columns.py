@@ -1,18 +1,17 @@
 """The table of the columns of a plan, and what is made from it."""
 
-import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import get_type_hints
 
 import pytest
+from docs_scripts import script
 
 from conflictdb.model import plan_columns
 from conflictdb.model.plan_columns import Form, columns_of
 from conflictdb.model.plans import Area, Track
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
-import plan_sql
+plan_sql = script("plan_sql")
 
 
 @pytest.mark.parametrize("path", sorted(plan_sql.SQL.glob("*.sql")), ids=lambda path: path.name)
