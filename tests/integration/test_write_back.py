@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 from commands import KEPT, STRAIT, Run, known
-from workloads import GROWING, throw
+from mixed_scenes import Feature, mixed_scene
 
 from conflictdb import connect
 from conflictdb.arrays.arrow.found import COMPUTED, of_found
@@ -293,20 +293,19 @@ def test_versions_that_come_again_are_not_trusted(run: Run, conn: psycopg.Connec
 
 def test_digests_of_the_database_are_those_of_what_was_exported(dsn: str, tmp_path: Path) -> None:
     """Also of havens that change, and of heights of legs."""
-    settings, areas, tracks = throw(GROWING, 5, 20, 40)
-    legs = [
-        replace(track, floor_m=None, floors_m=np.where(np.arange(len(track.times_us) - 1) % 2, -np.inf, -1.0))
-        for track in tracks
-    ]
-    scene, file = replace(settings, name="thrown"), tmp_path / "thrown.parquet"
+    features = {Feature.GROWTH, Feature.OUTLINES, Feature.LEG_HEIGHTS, Feature.CLIMBS, Feature.ACTIVATIONS}
+    made = [mixed_scene(seed, features) for seed in range(10)]
+    areas = [replace(one, key=f"{one.key} {each.seed}") for each in made for one in each.areas]
+    tracks = [replace(one, key=f"{one.key} {each.seed}", max_speed_kn=np.inf) for each in made for one in each.tracks]
+    scene, file = replace(made[0].scene, name="mixed"), tmp_path / "mixed.parquet"
     with connect(dsn) as db:
-        store.replace_scene(db.connection, scene, areas, [*tracks[::2], *legs[1::2]], merge=False)
-        db.scene("thrown").export(file)
-        known = store.object_states(db.connection, store.scene_id(db.connection, "thrown"))
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        db.scene("mixed").export(file)
+        known = store.object_states(db.connection, store.scene_id(db.connection, "mixed"))
     of = read_computed(computed(file, tmp_path / "found", scene))
     exported = dict(zip(of.key.tolist(), of.digest.tolist(), strict=True))
     assert dict(zip(known.key.tolist(), known.digest.tolist(), strict=True)) == exported
-    assert len(exported) == 60
+    assert len(exported) == len(areas) + len(tracks)
 
 
 def test_files_that_were_rewritten_and_say_the_same_are_written_back(run: Run, tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from typing import Any
 
 import psycopg
 import pytest
+from mixed_scenes import mixed_scene
 from piecework import load, refresh, stage
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -206,8 +206,9 @@ def test_replicas_inherit_nothing_either(conn: Conn, numbers: dict[str, int]) ->
 
 def test_tracks_inherit_nothing(conn: Conn) -> None:
     conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
-    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
-    load(conn, scene, areas, tracks)
+    mixed = mixed_scene(7, ())
+    scene = mixed.scene
+    load(conn, scene, mixed.areas, mixed.tracks)
     conn.commit()
     detect(conn, scene.name, jobs=1)
     query = f"SELECT a_key, b_key FROM candidates('{scene.name}') WHERE '%s' IN (a_key, b_key)"

@@ -4,8 +4,8 @@ from typing import Any
 
 import psycopg
 import pytest
+from mixed_scenes import mixed_scene
 from piecework import load
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import schema, store
 from conflictdb.db.detect import detect
@@ -17,10 +17,10 @@ Conn = psycopg.Connection[Any]
 
 @pytest.fixture
 def scene(conn: Conn) -> Scene:
-    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
-    load(conn, scene, areas, tracks)
-    detect(conn, scene.name, jobs=1)
-    return scene
+    mixed = mixed_scene(6, ())
+    load(conn, mixed.scene, mixed.areas, mixed.tracks)
+    detect(conn, mixed.scene.name, jobs=1)
+    return mixed.scene
 
 
 def replicate(conn: Conn, *statements: str) -> None:
@@ -70,7 +70,7 @@ def test_every_change_is_marked_and_the_next_detection_knows_it(conn: Conn, scen
 
 def test_settings_that_arrive_mark_everything(conn: Conn, scene: Scene) -> None:
     replicate(conn, "UPDATE conflictdb.scene SET separation_m = 500")
-    assert pending(conn) == (16, False)
+    assert pending(conn) == (11, False)
 
 
 def test_a_bad_row_is_refused_there_too(conn: Conn, scene: Scene) -> None:
