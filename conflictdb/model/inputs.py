@@ -63,7 +63,11 @@ def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
         whole = np.asarray(values, dtype=np.int64)
     else:
         each = [_instant_us(who, f"{field}[{i}]", value) for i, value in enumerate(values)]
-        whole = np.array(each, dtype=np.int64)
+        try:
+            whole = np.array(each, dtype=np.int64)
+        except OverflowError:
+            largest = max(each, key=abs)
+            raise InvalidInput(who, field, f"must be of the years 1 to 9999; got {str(largest)[:60]}") from None
         if not all(_is_whole(value) for value in values):
             return whole
     if whole.size:
@@ -137,7 +141,10 @@ def footprint(who: str, given: Footprint) -> Any:
     ring = _pairs(who, "geometry", given, rule)
     if len(ring) < 3:
         raise InvalidInput(who, "geometry", f"must be {rule}, three at least; got {len(ring)}")
-    return shapely.MultiPolygon([shapely.Polygon(ring)])
+    try:
+        return shapely.MultiPolygon([shapely.Polygon(ring)])
+    except shapely.GEOSException:  # a ring that begins with NaN is not closed
+        raise InvalidInput(who, "geometry", f"must be {rule}, of finite numbers") from None
 
 
 def is_number(given: object) -> bool:

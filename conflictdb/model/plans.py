@@ -504,8 +504,11 @@ def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.flo
 def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:
     """Return the (m, 2) outline (starboard, forward) of a rectangular haven; sizes in metres, each >= 0.
 
-    Sides of zero length leave no duplicate vertices: all zero is one point.
+    Sides of zero length leave no duplicate vertices: all zero is one point. Raises InvalidInput for what is no number.
     """
+    for name, value in (("fore_m", fore_m), ("aft_m", aft_m), ("port_m", port_m), ("starboard_m", starboard_m)):
+        if not inputs.is_number(value) or (isinstance(value, int) and abs(value) > sys.float_info.max):
+            raise InvalidInput("rectangle_outline_m", name, f"must be a number; got {str(value)[:60]}")
     corners = [(starboard_m, fore_m), (starboard_m, -aft_m), (-port_m, -aft_m), (-port_m, fore_m)]
     return np.array(list(dict.fromkeys((x + 0.0, y + 0.0) for x, y in corners)), dtype=np.float64)
 

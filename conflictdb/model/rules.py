@@ -183,6 +183,8 @@ class RuleTable:
 
 def listed(rules: Iterable[Rule]) -> list[Rule]:
     """Return rules in the order of their sides; raises InvalidInput for others, too many, or sides given twice."""
+    if not isinstance(rules, Iterable):
+        raise InvalidInput("rules", "", f"must be a list of Rule; got {rules!r:.60}")
     found = list(rules)
     check_count(len(found))
     known = set()
@@ -238,7 +240,8 @@ def class_rule(value: Any) -> str | None:
 def word_rule(value: Any) -> str | None:
     """Return the rule that a value breaks as the name of a class or an owner; None: valid."""
     if isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES:
-        return None
+        has_surrogate = value.encode(errors="ignore").decode() != value
+        return "contains half of a surrogate pair, no character" if has_surrogate else None
     return f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}"
 
 

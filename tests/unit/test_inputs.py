@@ -12,7 +12,8 @@ import shapely
 from verdicts import periods_us
 
 import conflictdb
-from conflictdb import Area, InvalidInput, Scene, Track, solve
+from conflictdb import Area, InvalidInput, Rule, Scene, Track, rectangle_outline_m, solve
+from conflictdb.in_memory.index import Index
 
 START = datetime(2026, 6, 1, 8, tzinfo=UTC)
 END = START + timedelta(hours=2)
@@ -216,3 +217,38 @@ def test_a_member_of_another_type_is_refused_by_name(member: str, kind: str) -> 
 def test_a_speed_limit_of_another_type_is_refused(kind: str) -> None:
     with pytest.raises(InvalidInput, match="max_speed_kn: must be a number of knots above 0"):
         Track("T", LINE, [START_US, END_US], HAVEN, max_speed_kn={**WRONG, **HUGE}[kind])
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Track("T", [(0.0, 0.0), (1.0, 1.0)], [10**400, 0], HAVEN), "years 1 to 9999"),
+        (lambda: Scene("s", rules=5), "must be a list of Rule; got 5"),
+        (lambda: rectangle_outline_m("x", 1.0, 1.0, 1.0), "fore_m: must be a number; got x"),
+        (lambda: rectangle_outline_m(1.0, 10**400, 1.0, 1.0), "aft_m: must be a number; got 1000"),
+        (lambda: Area("A", [(float("nan"), 0.0), (1.0, 0.0), (1.0, 1.0)]), "of finite numbers"),
+        (lambda: Area("A", SQUARE, owner="\ud800"), "owner: contains half of a surrogate pair"),
+        (lambda: Index().put(Area("A", SQUARE), "\ud800"), "owner: contains half of a surrogate pair"),
+        (lambda: Rule("\ud800", "x", 5.0), "contains half of a surrogate pair"),
+        (
+            lambda: Track("T", [(0.0, 0.0), (1.0, 1.0)], [START, END], HAVEN, tolerances={"turn_radius_m": "x"}),
+            "turn_radius_m: must be a finite number, 0 or more; got 'x'",
+        ),
+        (
+            lambda: Track("T", [(0.0, 0.0), (1.0, 1.0)], [START, END], HAVEN, tolerances={"xtd_port_m": 10**400}),
+            "xtd_port_m: must be at most 18520; got 1000",
+        ),
+        (
+            lambda: Track(
+                "T", [(0.0, 0.0), (1.0, 1.0)], [START, END], HAVEN, tolerances={"departure_window": [0, 10**400]}
+            ),
+            "departure_window: must be of the years 1 to 9999; got 1000",
+        ),
+    ],
+)
+def test_what_is_no_number_or_text_is_refused_in_a_sentence(make: Callable[[], object], words: str) -> None:
+    """Not by an error of Python or numpy."""
+    with pytest.raises(InvalidInput) as found:
+        make()
+    assert words in str(found.value)
+    assert len(str(found.value)) < 300
