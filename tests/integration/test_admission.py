@@ -11,7 +11,6 @@ import pytest
 from city import CITY, HOUR_US, T0_US, asked, flight, keys, square, worker_connected
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import STORABLE_INSTANT, assert_same, scenes
-from workloads import GROWING, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import (
     Area,
@@ -115,37 +114,6 @@ def test_what_detections_have_not_seen_counts(city: StoredScene) -> None:
     assert city.admit([square("x", 0.1), square("y", 0.2), square("z", 0.3)])
     for lon in (0.4, 0.5):
         assert not city.admit(square("w", lon))
-
-
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, OCEAN, GROWING], ids=lambda w: w.name)
-def test_an_admission_finds_what_solve_finds(dsn: str, workload: Workload) -> None:
-    """Of every plan among others, of which a part was detected, a part changed since, and a part is new."""
-    scene, thrown_areas, thrown_tracks = throw(workload, 3, 12, 12)
-    scene = replace(scene, name="city")
-    plans = [*thrown_areas, *thrown_tracks]
-    stored, asked = plans[::2] + plans[1::4], plans[3::4]
-    expected = {
-        (one.a_key, one.b_key): one.verdict
-        for one in solve([p for p in plans if isinstance(p, Track)], [p for p in plans if isinstance(p, Area)], scene)
-    }
-    found = 0
-    with connect(dsn) as db:
-        city = db.scene("city")
-        city.put([replace(one, floor_m=5000.0) for one in stored[:4]] + stored[4:9], scene)
-        city.detect()
-        city.put([*stored[:4], *stored[9:]])
-        for one in asked:
-            conflicts = city.admit(one).conflicts
-            mine = {pair: verdict for pair, verdict in expected.items() if one.key in pair}
-            left = {
-                pair: verdict for pair, verdict in mine.items() if not {*pair} & ({p.key for p in asked} - {one.key})
-            }
-            assert {(c.a_key, c.b_key): c.verdict for c in conflicts} == left
-            found += len(left)
-            city.put(stored)
-            if one.key in keys(city):
-                city.delete_objects(one.key)
-    assert found > 3
 
 
 @given(scenes(STORABLE_INSTANT, 80.0))

@@ -20,7 +20,6 @@ from piecework import load
 from psycopg import conninfo, sql
 from scene_strategies import INSTANT, areas, assert_same, tracks
 from scenes import T0_US, box, sail
-from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 
 from conflictdb import Area, Rule, Track, connect, rectangle_outline_m
 from conflictdb.db import detect, probes, store
@@ -41,39 +40,6 @@ def said(found: list[Conflict]) -> list[Conflict]:
     unknown: dict[str, Any] = dict.fromkeys(("region", "is_current", "scene_is_current", "run_id", "found_at"))
     rows = [replace(one, **unknown) for one in found]
     return sorted(rows, key=lambda one: (one.a_key, one.b_key))
-
-
-def same(found: list[Conflict], expected: list[Conflict]) -> bool:
-    """Compare the parts that must not differ: members, verdict, and times to the bounds of both."""
-    if [(c.a_key, c.b_key, c.verdict, len(c.periods)) for c in found] != [
-        (c.a_key, c.b_key, c.verdict, len(c.periods)) for c in expected
-    ]:
-        return False
-    return all(
-        abs((x - y).total_seconds()) <= one.time_error_s + other.time_error_s + 2e-6
-        for one, other in zip(found, expected, strict=True)
-        for ends in zip(one.periods, other.periods, strict=True)
-        for x, y in zip(*ends, strict=True)
-        if x is not None and y is not None
-    )
-
-
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, GROWING, ARCTIC], ids=lambda w: w.name)
-def test_a_probe_finds_what_a_detection_finds(conn: Conn, workload: Any) -> None:
-    """Each object of a scene, as a plan for the rest of it: also across the seam and around the pole."""
-    scene, areas, tracks = throw(workload, 11, 5, 5)
-    load(conn, scene, areas, tracks)
-    detect.detect(conn, scene.name, jobs=1)
-    with connect(conn) as db:
-        known = db.scene(scene.name).conflicts()
-        conn.commit()
-        assert known
-        met = 0
-        for plan in (*areas, *tracks):
-            found = said(list(db.scene(scene.name).probe(plan)))
-            assert same(found, said([one for one in known if plan.key in (one.a_key, one.b_key)]))
-            met += len(found)
-        assert met == 2 * len(known)
 
 
 def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from city import beyond_limits, within_limits
-from ruled import random_rules, sea
 from workloads import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import Area, Conflict, Index, InvalidInput, Motion, Scene, Track, solve
@@ -116,21 +115,6 @@ def test_threads_share_an_index() -> None:
 
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(work, range(4)))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_an_index_knows_rules_and_owners(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    tracks, areas = sea(rng, 120, 0.4)
-    plans = [*areas, *(replace(one, max_speed_kn=np.inf) for one in tracks)]
-    plans = [plans[k] for k in rng.permutation(len(plans))]
-    scene = Scene("rules", separation_m=300.0, rules=random_rules(rng))
-    index = Index(scene)
-    index.put(plans[:40])
-    index.put(plans[40:80])
-    found = index.probe(plans[80:], owner="asked")
-    assert found == solved(scene, {"there": plans[:80]}, plans[80:], "asked")
-    assert len(found) > 5
 
 
 PREFIXES = {f"{of} " for of in range(4)}
