@@ -156,8 +156,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _free_orphan_name(text) IS
-'Removes a branch of a name that was in use when its scene was removed; raises ZC007 if it still is. Runs as its owner: '
-'the branch may belong to another role, and nobody sees it. Restricted to branches whose scene is gone.';
+'Removes a branch of a name that was in use when its scene was removed; raises ZC007 if it still is. Runs as its '
+'owner: the branch may belong to another role, and nobody sees it. Restricted to branches whose scene is gone.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._before_scene_name() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
