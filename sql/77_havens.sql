@@ -144,8 +144,8 @@ DECLARE
 BEGIN
     IF (p_from >= '0001-01-01 00:00+00' AND p_to < '10000-01-01 00:00+00' AND p_from <= p_to) IS NOT TRUE THEN
         FOUND := _raise('ZC003', c_who, 'p_from, p_to',
-                        format('must be two instants in order, in the years 1 to 9999; got %s to %s', coalesce(p_from::text, 'null'),
-                               coalesce(p_to::text, 'null')), 'havens_span');
+                        format('must be two instants in order, in the years 1 to 9999; got %s to %s',
+                               coalesce(p_from::text, 'null'), coalesce(p_to::text, 'null')), 'havens_span');
     END IF;
     IF (p_step > interval '0' AND p_step <= interval '10000 years') IS NOT TRUE THEN
         FOUND := _raise('ZC003', c_who, 'p_step',

@@ -424,7 +424,7 @@ BEGIN
     IF NEW.kind = 'delays' THEN
         NEW.plans := NULL;
         PERFORM _check_delays_request(NEW.scene_id, NEW.options ->> 'key',
-                                      make_interval(secs => round((NEW.options ->> 'horizon_s')::numeric, 6)::double precision),
+                                      round((NEW.options ->> 'horizon_s')::numeric, 6)::double precision * interval '1 s',
                                       _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
     ELSE
         IF octet_length(NEW.plans::text) > c_most_bytes THEN

@@ -31,7 +31,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_delays_request(bigint, text, interval, timestamptz) IS
-'Raises an error (class ZC) for an unknown track, a horizon that is negative or too long, or a p_now that no plan reaches.';
+'Raises an error (class ZC) for an unknown track, a horizon that is negative or too long, or a p_now that no plan '
+'reaches.';
 
 CREATE OR REPLACE FUNCTION request_delays(
     p_scene text, p_key text, p_horizon interval DEFAULT interval '2 hours', p_now timestamptz DEFAULT NULL
