@@ -186,6 +186,31 @@ typedef struct {
 KERNEL_API KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
                                       const KernelBounds *bounds);
 
+/* Compute the heading of each leg of a track at its start. A leg that stands still keeps the heading at the end of the leg
+ * before it, else that of the next leg that moves, else 0.
+ *
+ * place_deg : (count, 2) waypoints, longitude and latitude; longitudes take the shorter way round
+ * bearing_deg : (count - 1,) degrees clockwise from north
+ */
+KERNEL_API KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, int64_t count,
+                                        double *bearing_deg);
+
+/* Convert places of the plane to degrees.
+ *
+ * xy : (2, count) plane metres
+ * degrees : (count, 2) longitude in [-180, 180) and latitude; NaN for NaN
+ */
+KERNEL_API KernelStatus kernel_degrees(const KernelPlane *plane, const double *xy, int64_t count, double *degrees);
+
+/* Compute how the corners of a convex outline move when every side moves outward at speed 1. Repeated vertices are one
+ * corner. A point becomes the four corners of a square, a line those of a rectangle.
+ *
+ * outline : (count, 2) vertices in order, without a closing one; count is at least 1
+ * corner, rate : room for the larger of count and 4, 2 each: metres, and metres per metre
+ * corners : (1,) result: number of corners
+ */
+KERNEL_API KernelStatus kernel_mitred(const double *outline, int64_t count, double *corner, double *rate, int64_t *corners);
+
 /* ---- Narrow phase ----------------------------------------------------------------------------------------------- */
 
 /* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, or

@@ -3,6 +3,7 @@
 `_map_conflicts` (sql/84_map_page.sql) writes the numbers of conflicts; `map.what_if` packs pieces.
 """
 
+import base64
 import json
 import math
 import struct
@@ -15,6 +16,7 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.db import store
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import lines_of
 from conflictdb.model.results import Conflict
@@ -56,7 +58,7 @@ class Listed:
 
 
 def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
-    """Return name, settings and state of a scene; InvalidInput if the scene does not exist."""
+    """Return name, settings and state of a scene, and the plane of its kernel; InvalidInput if it does not exist."""
     with store.transaction(conn):
         own = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
         state = store.scene_state(conn, scene)
@@ -65,6 +67,7 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
         "scene": scene,
         **{one.name: getattr(own, one.name) for one in SETTINGS if one.type is not SettingType.PLACE},
         "branch_of": parent,
+        "plane": base64.b64encode(bytes(Setup.of(own).plane.kernel_plane)).decode(),
         "objects": state.objects,
         "is_current": state.is_current,
         "remark": state.remark,

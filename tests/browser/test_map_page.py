@@ -466,8 +466,10 @@ def test_havens_are_where_the_database_has_them(conn: Conn, dsn: str, serve: Ser
     )
     # Each scene as the page reads another one, to compare with it.
     script = """async ([name, all]) => {
-        const [{ServerSource}, {Model}] = await Promise.all([import('/page/source.js'), import('/page/model.js')]);
-        const source = new ServerSource(name), model = new Model(await source.scene());
+        const modules = ['source', 'model', 'motion', 'pair_distance'].map((one) => import(`/page/${one}.js`));
+        const [{ServerSource}, {Model}, {Ground}, {kernelOf}] = await Promise.all(modules);
+        const source = new ServerSource(name), scene = await source.scene();
+        const model = new Model({...scene, ground: Ground.of(await kernelOf(source)(), scene.plane)});
         model.takeObjects(await source.areas(), await source.tracks(), null);
         return all.map(([key, t]) => model.objects.get(key).motion.haven(t));
     }"""

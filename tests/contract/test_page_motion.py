@@ -1,57 +1,60 @@
-"""The page of the map computes havens itself: by a copy of the formulas, which is held against the kernel here."""
+"""The page of the map computes havens by the kernel as WebAssembly, which is held against the library here."""
 
-import json
+import base64
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pytest
 from havens_of_kernel import haven_deg
-from patience import WAIT_S
+from page_in_node import run_page
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, OCEAN, SEAM, Workload, throw
 
-import conflictdb
-from conflictdb.model.plans import EarthModel, Track
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.earth.registry import Setup
+from conflictdb.model.plans import EarthModel, Scene, Track
+from conflictdb.stages.pieces.cutting import track_pieces
 
-PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
-# Reads [scene, track, instants] of each track, and prints the rings.
+# Reads [scene, track, instants] of each track, and prints rings, reference points, and headings of legs.
 DRIVER: Final = """
 import { readFileSync } from "node:fs";
-import { Motion } from "./motion.mjs";
-const rings = JSON.parse(readFileSync(0)).map(([scene, points, outline, grow, outlines, at]) => {
-  const motion = new Motion(points, outline, grow, outlines, scene);
-  return at.map((t) => motion.haven(t));
+import { Kernel } from "./kernel.mjs";
+import { Ground, Motion } from "./motion.mjs";
+const kernel = await Kernel.of(readFileSync("kernel.wasm"));
+const found = JSON.parse(readFileSync(0)).map(([plane, points, outline, grow, outlines, at]) => {
+  const ground = new Ground(kernel, new Uint8Array(Buffer.from(plane, "base64")));
+  const motion = new Motion(points, outline, grow, outlines, { ground });
+  return [ground.havens(at.map((t) => [motion, t])), at.map((t) => motion.place(t)), [...ground.headings(points)]];
 });
-console.log(JSON.stringify(rings));
+console.log(JSON.stringify(found));
 """
 MOST_M: Final = 1e-3
 METRES_PER_DEGREE: Final = 111_200.0
-
-
-def on_page(tmp_path: Path, asked: list[object]) -> list[list[list[list[float]]]]:
-    for name in ("motion", "world"):
-        text = (PAGE / f"{name}.js").read_text().replace('"./world.js"', '"./world.mjs"')
-        (tmp_path / f"{name}.mjs").write_text(text)
-    (tmp_path / "driver.mjs").write_text(DRIVER)
-    command = [str(shutil.which("node")), tmp_path / "driver.mjs"]
-    done = subprocess.run(command, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT_S, check=True)
-    return list(json.loads(done.stdout))
 
 
 def closed(ring: np.ndarray) -> list[list[float]]:
     return [*ring.tolist(), ring[0].tolist()]
 
 
-def as_asked(track: Track, motion: str, earth: str, at_us: list[int]) -> list[object]:
+def as_asked(track: Track, scene: Scene, at_us: list[int]) -> list[object]:
     points = [
         {"lon": lon, "lat": lat, "t": us / 1e6}
         for (lon, lat), us in zip(track.positions_deg.tolist(), track.times_us.tolist(), strict=True)
     ]
     outlines = None if track.outlines_m is None else [closed(one) for one in track.outlines_m]
-    scene = {"motion": motion, "earth": earth}
-    return [scene, points, closed(track.outline_m), track.grow_mps, outlines, [us / 1e6 for us in at_us]]
+    plane = base64.b64encode(bytes(Setup.of(scene).plane.kernel_plane)).decode()
+    return [plane, points, closed(track.outline_m), track.grow_mps, outlines, [us / 1e6 for us in at_us]]
+
+
+def _headings(scene: Scene, tracks: list[Track]) -> tuple[list[str], list[np.ndarray]]:
+    """The keys of tracks, and the headings of their legs by their pieces."""
+    found = []
+    for track in tracks:
+        pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
+        _, first = np.unique(pieces.leg_start_us, return_index=True)
+        found.append(pieces.bearing_deg[first])
+    return [track.key for track in tracks], found
 
 
 @pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")
@@ -63,8 +66,13 @@ def test_havens_of_the_page_are_those_of_the_kernel(tmp_path: Path, workload: Wo
     """Within a millimetre: instants are numbers of seconds there, which are rounded to a quarter of a microsecond."""
     scene, _, tracks = throw(workload, 21, 0, 12, earth)
     instants = [np.linspace(one.times_us[0], one.times_us[-1], 9, dtype=np.int64)[1:-1].tolist() for one in tracks]
-    asked = [as_asked(one, scene.motion, scene.earth, at) for one, at in zip(tracks, instants, strict=True)]
-    for track, at_us, rings in zip(tracks, instants, on_page(tmp_path, asked), strict=True):
+    asked = [as_asked(one, scene, at) for one, at in zip(tracks, instants, strict=True)]
+    answers = run_page(tmp_path, DRIVER, asked)
+    headings = dict(zip(*_headings(scene, tracks), strict=True))
+    for track, at_us, (rings, places, bearings) in zip(tracks, instants, answers, strict=True):
+        apart_deg = np.array(bearings) - headings[track.key]
+        assert np.abs(apart_deg - 360.0 * np.rint(apart_deg / 360.0)).max() < 1e-9
+        assert all(len(place) == 2 for place in places)
         for us, ring in zip(at_us, rings, strict=True):
             there, here = haven_deg(scene, track, us), np.array(ring)
             apart = here[:, None] - there

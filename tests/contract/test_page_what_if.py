@@ -209,12 +209,9 @@ def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:
             others = tracks[int(rng.integers(len(tracks)))].positions_deg
             lon, lat = np.array(others[int(rng.integers(len(others)))]) + rng.normal(0.0, 0.002, 2)
             own.append((track.key, (n, float(lon), float(lat)), int(rng.integers(-HORIZON_US, HORIZON_US))))
-        lines = {"motion": str(scene.motion), "earth": str(scene.earth)}
-        asked.append((what_if.packed(scene, areas, tracks), own, lines))
+        asked.append((what_if.packed(scene, areas, tracks), own))
     found, met = [], 0
-    for (scene, areas, tracks), (_, own, _), answers in zip(
-        scenes, asked, answers_of_page(tmp_path, asked), strict=True
-    ):
+    for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, answers_of_page(tmp_path, asked), strict=True):
         for (key, place, by_us), answer in zip(own, answers, strict=True):
             assert "refusal" not in answer, (scene.name, key, place, answer)
             moved = [with_waypoint(one, *place) if one.key == key else one for one in tracks]

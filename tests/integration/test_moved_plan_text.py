@@ -2,14 +2,13 @@
 
 import json
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psycopg
 import pytest
-from page_in_node import PAGE
+from page_in_node import run_page
 from piecework import load
 
 from conflictdb.db import store
@@ -36,12 +35,8 @@ def test_departures_and_heights_of_legs_move_in_both_texts(conn: psycopg.Connect
     way = [(9.0, 57.0), (10.0, 58.0), (10.5, 58.0)]
     track = Track("T", way, times, [(0.0, 0.0)], departures_us=departs, **heights)
     load(conn, Scene("s"), [], [track])
-    (tmp_path / "moved_plan.mjs").write_text((PAGE / "moved_plan.js").read_text())
-    (tmp_path / "driver.mjs").write_text(DRIVER)
-    asked = json.dumps(["s", feature_of(track), 90_000_001, 12.5, [1, 9.5, 57.5]])
-    command = [str(shutil.which("node")), "driver.mjs"]
-    done = subprocess.run(command, input=asked, capture_output=True, text=True, cwd=tmp_path, check=True)
-    sql, feature = json.loads(done.stdout)
+    asked = ["s", feature_of(track), 90_000_001, 12.5, [1, 9.5, 57.5]]
+    sql, feature = run_page(tmp_path, DRIVER, asked)
     expected = moved(track, PlanMove("T", "", 90_000_001, 12.5, (1, 9.5, 57.5), None))
     conn.execute(sql.encode())
     conn.commit()

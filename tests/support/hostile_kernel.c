@@ -289,6 +289,19 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
 }
 
 /* Ask where pairs meet; rings have room for them, and for no more. */
+static void ask_legs(const KernelPlane *plane, int64_t odd, int64_t calls[16]) {
+    int64_t count = 1 + below(6), corners = 0;
+    double *way = block(2 * count, 8), *found = block(2 * (count + 4), 8), *rate = block(2 * (count + 4), 8);
+    for (int64_t i = 0; i < 2 * count; i++) way[i] = i > 1 && below(3) == 0 ? way[i - 2] : number(-200.0, 200.0, odd);
+    int64_t given = below(20 * odd) ? count : -1;
+    calls[kernel_headings(below(20 * odd) ? plane : NULL, way, given, found)]++;
+    calls[kernel_degrees(plane, way, given, found)]++;
+    KernelStatus status = kernel_mitred(way, given, found, rate, below(20 * odd) ? &corners : NULL);
+    if (status == KERNEL_OK && (corners < 3 || corners > (count > 4 ? count : 4))) exit(4);
+    calls[status]++;
+    free(way), free(found), free(rate);
+}
+
 static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, const int64_t *offset, int64_t n, double reach,
                         int64_t calls[16]) {
     int64_t room = KERNEL_REGION_MORE * pairs->count, *ring_offset = block(2 * pairs->count + 1, 8);
@@ -409,6 +422,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
+    ask_legs(&plane, odd, calls);
     ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
     ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);

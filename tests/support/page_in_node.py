@@ -13,7 +13,7 @@ import conflictdb
 
 PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
 MODULES: Final = (
-    "kernel", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "climbs", "shifts", "uses",
+    "kernel", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "climbs", "shifts", "uses", "moved_plan",
 )  # fmt: skip
 HORIZON_US: Final = 3_600_000_000
 # Reads scenes: [pack, [[key, moves], …]] each; prints the conflicts of each move, and what is forbidden to each key.
@@ -25,11 +25,11 @@ import { withWaypoint } from "./moved_waypoint.mjs";
 import { unpackPieces, WhatIf } from "./what_if.mjs";
 const kernel = await Kernel.of(readFileSync("kernel.wasm"));
 const { horizon, scenes } = JSON.parse(readFileSync(0));
-const answers = scenes.map(([text, asked, lines]) => {
+const answers = scenes.map(([text, asked]) => {
   const pack = unpackPieces(new Uint8Array(Buffer.from(text, "base64")).buffer);
   const elsewhere = (key, place) => {
     try {
-      return new WhatIf(kernel, withWaypoint(kernel, pack, key, place, lines), key);
+      return new WhatIf(kernel, withWaypoint(kernel, pack, key, place), key);
     } catch (error) {
       return { refusal: error.message };
     }
@@ -59,15 +59,20 @@ console.log(JSON.stringify(answers));
 """
 
 
-def answers_of_page(folder: Path, scenes: Sequence[tuple[Any, ...]]) -> Any:
-    """The answers of the page on packs, with what is asked of each, and the lines that the scene follows if need be."""
+def run_page(folder: Path, driver: str, given: Any) -> Any:
+    """Return what a driver prints, JSON, that imports modules of the page and reads JSON."""
     for name in MODULES:
         text = re.sub(r'"\./(\w+)\.js"', r'"./\1.mjs"', (PAGE / f"{name}.js").read_text())
         (folder / f"{name}.mjs").write_text(text)
     shutil.copy(PAGE / "kernel.wasm", folder)
-    (folder / "driver.mjs").write_text(DRIVER)
-    given = {"horizon": HORIZON_US, "scenes": [[base64.b64encode(pack).decode(), *asked] for pack, *asked in scenes]}
+    (folder / "driver.mjs").write_text(driver)
     command = [str(shutil.which("node")), "driver.mjs"]
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, cwd=folder, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def answers_of_page(folder: Path, scenes: Sequence[tuple[Any, ...]]) -> Any:
+    """The answers of the page on packs, with what is asked of each."""
+    packs = [[base64.b64encode(pack).decode(), *asked] for pack, *asked in scenes]
+    return run_page(folder, DRIVER, {"horizon": HORIZON_US, "scenes": packs})

@@ -19,6 +19,7 @@ import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { formerConflicts, MERCATOR_END, Model, worstFirst } from "./model.js";
 import { ObjectCard } from "./object_card.js";
+import { Ground } from "./motion.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
@@ -200,7 +201,7 @@ class Page {
   async otherScene(name) {
     const source = new ServerSource(name);
     const [scene, conflicts, areas, tracks] = await Promise.all([source.scene(), source.conflicts(), source.areas(), source.tracks()]);
-    const model = new Model(scene);
+    const model = new Model({ ...scene, ground: await this.groundOf(scene) });
     model.takeObjects(areas, tracks, null);
     model.takeConflicts(conflicts);
     return model;
@@ -211,14 +212,19 @@ class Page {
   async readAll() {
     const { source } = this;
     const scene = await source.scene();
-    const [conflicts, areas, tracks, outlines] = await Promise.all([
-      source.conflicts(), source.areas(), source.tracks(), this.hasOverview(scene) ? source.overview() : null,
+    const [conflicts, areas, tracks, outlines, ground] = await Promise.all([
+      source.conflicts(), source.areas(), source.tracks(), this.hasOverview(scene) ? source.overview() : null, this.groundOf(scene),
     ]);
-    this.state.takeAll(scene, areas, tracks, outlines, conflicts);
+    this.state.takeAll({ ...scene, ground }, areas, tracks, outlines, conflicts);
+  }
+
+  // Where the tracks of a scene move.
+  async groundOf({ plane }) {
+    return Ground.of(await this.kernel(), plane);
   }
 
   async readConflicts() {
-    const scene = await this.source.scene();
+    const scene = { ...await this.source.scene(), ground: this.state.model.scene.ground };
     this.state.takeConflicts(scene, await this.source.conflicts());
   }
 

@@ -1,6 +1,6 @@
 // What a first view reads, requested before the modules of the page have arrived: of the scene that a server shows first.
 
-const PATHS = ["api/scene", "api/conflicts", "api/areas", "api/tracks"];
+const PATHS = ["api/scene", "api/conflicts", "api/areas", "api/tracks", "page/kernel.wasm"];
 export const LARGE = 2000; // a scene of more objects has an overview
 
 const begun = new Map();

@@ -248,7 +248,7 @@ export class Departure {
     try {
       if (this.elsewhere?.waypoint !== waypoint) {
         const { kernel, pack } = this.whatIf;
-        this.elsewhere = { waypoint, whatIf: new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint, this.track.motion.scene), this.key) };
+        this.elsewhere = { waypoint, whatIf: new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint), this.key) };
       }
       const { whatIf } = this.elsewhere;
       if (whatIf.refusal !== null) throw new Error(whatIf.refusal);

@@ -51,9 +51,9 @@ export class Havens {
 
   // A track one of whose waypoints is elsewhere.
   bentTrack(track, [n, lon, lat]) {
-    const { points, outline, grow, outlines, scene } = track.motion;
+    const { points, outline, grow, outlines, scene, departures } = track.motion;
     const moved = points.map((point, i) => (i === n ? { ...point, lon, lat } : point));
-    return withLine({ ...track, motion: new Motion(moved, outline, grow, outlines, scene) });
+    return withLine({ ...track, motion: new Motion(moved, outline, grow, outlines, scene, departures) });
   }
 
   // Paths as lines on the map, x and y in turn (units of the world, without jumps), within a share of a unit of the truth.
@@ -61,18 +61,24 @@ export class Havens {
     return this.tracks.map((track) => ({ object: track, line: lineOf(track, unit) }));
   }
 
-  // Where a reference point is, in units of the world, within a share of a pixel of the truth.
-  place(track, t, pixel) {
-    const { motion, x, y, bend } = track;
-    const i = motion.legAt(t);
-    if (i < 0) return null;
-    if (bend[i] > 0.3 * pixel) {
-      const [lon, lat] = motion.place(t);
-      return [mercatorX(lon), mercatorY(lat)];
+  // Where the reference points of tracks that are under way are, in units of the world, within a share of a pixel of the truth:
+  // [track, place] each.
+  places(tracks, t, pixel) {
+    const found = [];
+    const bent = [];
+    for (const track of tracks) {
+      const { motion, x, y, bend } = track;
+      const i = motion.legAt(t);
+      if (i < 0) continue;
+      const [from, to] = [motion.points[i].t, motion.points[i + 1].t];
+      const share = (motion.own(t) - from) / (to - from);
+      const place = [x[i] + share * (x[i + 1] - x[i]), y[i] + share * (y[i + 1] - y[i])];
+      if (bend[i] > 0.3 * pixel) bent.push([motion, place]);
+      found.push([track, place]);
     }
-    const [from, to] = [motion.points[i].t, motion.points[i + 1].t];
-    const share = (motion.own(t) - from) / (to - from);
-    return [x[i] + share * (x[i + 1] - x[i]), y[i] + share * (y[i + 1] - y[i])];
+    const exact = bent.length ? bent[0][0].ground.places(bent.map(([motion]) => [motion, t])) : [];
+    exact.forEach((known, n) => { if (known) [bent[n][1][0], bent[n][1][1]] = [mercatorX(known[0]), mercatorY(known[1])]; });
+    return found;
   }
 
   resize(width, height) {
@@ -94,10 +100,8 @@ export class Havens {
     this.shown = [];
     const kinds = { plain: [], inConflict: [], a: [], b: [] };
     const reach = { w: frame.width / frame.size, h: frame.height / frame.size };
-    for (const track of this.tracks) {
-      if (marks.hidden.has(track.key)) continue;
-      const place = this.place(track, this.t, 1 / frame.size);
-      if (place === null) continue;
+    const seen = this.tracks.filter(({ key }) => !marks.hidden.has(key));
+    for (const [track, place] of this.places(seen, this.t, 1 / frame.size)) {
       // The reach of the haven: metres there are this much longer on the map.
       const reachPx = track.motion.reachM * Math.cosh(2 * Math.PI * (0.5 - place[1])) / frame.metresPerPixel;
       const margin = (reachPx + 2) / frame.size;
@@ -157,10 +161,10 @@ export class Havens {
     context.lineWidth = isPair ? 2.5 : 1.5;
     context.setLineDash(kind === "b" ? [6, 3] : []);
     context.beginPath();
-    for (const one of some) {
-      if (one.reachPx < DOT_PX) continue;
-      const ring = one.track.motion.haven(this.t);
-      ring.forEach(([lon, lat], i) => {
+    const large = some.filter(({ reachPx }) => reachPx >= DOT_PX);
+    const rings = large.length ? large[0].track.motion.ground.havens(large.map(({ track }) => [track.motion, this.t])) : [];
+    for (const [n, one] of large.entries()) {
+      rings[n]?.forEach(([lon, lat], i) => {
         const x = (mercatorX(lon) + one.turn + turnsBetween(one, lon, frame) - frame.left) * frame.size;
         const y = (mercatorY(lat) - frame.top) * frame.size;
         if (i === 0) context.moveTo(x, y);
@@ -238,8 +242,7 @@ function lineOf({ motion, x, y, bend }, unit) {
   const line = [x[0], y[0]];
   for (let i = 0; i + 1 < x.length; i += 1) {
     const parts = Math.min(MOST_PARTS, Math.ceil(Math.sqrt(bend[i] / unit)));
-    for (let n = 1; n < parts; n += 1) {
-      const [[lon, lat]] = motion.leg(i).at(n / parts, null);
+    for (const [lon, lat] of motion.along(i, parts)) {
       line.push(x[i] + shortest(mercatorX(lon) - x[i] + Math.floor(x[i])), mercatorY(lat));
     }
     line.push(x[i + 1], y[i + 1]);

@@ -83,19 +83,27 @@ export class Kernel {
       p.leg_start_deg, p.leg_end_deg, p.bearing_deg, p.shape_offset, p.shape, p.shape_to ?? null, used);
   }
 
-  // Calls `ask` with a scene of pieces, of which some are used.
-  withScene(pieces, used, ask) {
-    const { functions } = this;
+  // Makes a scene of pieces, of which some are used; it is there until it is freed.
+  sceneOf(pieces, used = null) {
     return this.call(() => {
       const place = this.room(8);
-      this.check(functions.kernel_scene_make(this.put(pieces.plane), this.pieces(pieces, used), place));
-      const scene = this.read(Uint32Array, place, 1)[0];
-      try {
-        return ask(scene);
-      } finally {
-        functions.kernel_scene_free(scene);
-      }
+      this.check(this.functions.kernel_scene_make(this.put(pieces.plane), this.pieces(pieces, used), place));
+      return this.read(Uint32Array, place, 1)[0];
     });
+  }
+
+  free(scene) {
+    this.functions.kernel_scene_free(scene);
+  }
+
+  // Calls `ask` with a scene of pieces, of which some are used.
+  withScene(pieces, used, ask) {
+    const scene = this.sceneOf(pieces, used);
+    try {
+      return ask(scene);
+    } finally {
+      this.free(scene);
+    }
   }
 
   check(status) {
@@ -153,6 +161,57 @@ export class Kernel {
       const found = this.room(8 * a.length);
       this.check(this.functions.kernel_distances(scene, this.struct(BigInt(a.length), a, b, zero, low, low), found));
       return this.read(Float64Array, found, a.length);
+    });
+  }
+
+  // Positions of pieces of a scene at instants, plane metres (2, slots, rows). rows: { piece, at (seconds since the zero of instants),
+  // slots: vertices }.
+  positions(scene, { piece, at, slots }) {
+    return this.moved(piece, slots, (rows, xy) => this.functions.kernel_positions(scene, rows, this.put(at), BigInt(slots), xy));
+  }
+
+  // Reference points of havens likewise (2, rows).
+  references(scene, { piece, at }) {
+    return this.moved(piece, 1, (rows, xy) => this.functions.kernel_references(scene, rows, this.put(at), xy));
+  }
+
+  moved(piece, slots, ask) {
+    return this.call(() => {
+      const n = piece.length;
+      const rows = this.struct(BigInt(n), piece, new BigInt64Array(n), new Float64Array(2 * n));
+      const xy = this.room(16 * slots * n);
+      this.check(ask(rows, xy));
+      return this.read(Float64Array, xy, 2 * slots * n);
+    });
+  }
+
+  // Longitudes and latitudes in turn of places of a plane (2, n).
+  degrees(plane, xy) {
+    return this.call(() => {
+      const found = this.room(8 * xy.length);
+      this.check(this.functions.kernel_degrees(this.put(plane), this.put(xy), BigInt(xy.length / 2), found));
+      return this.read(Float64Array, found, xy.length);
+    });
+  }
+
+  // The heading of each leg of waypoints (longitude and latitude in turn), degrees.
+  headings(plane, places) {
+    return this.call(() => {
+      const n = places.length / 2;
+      const found = this.room(8 * n);
+      this.check(this.functions.kernel_headings(this.put(plane), this.put(places), BigInt(n), found));
+      return this.read(Float64Array, found, n - 1);
+    });
+  }
+
+  // The corners of a convex outline and their rates, metres, when every side moves outward at speed 1: { corner, rate }.
+  mitred(outline) {
+    return this.call(() => {
+      const most = 8 * Math.max(8, outline.length);
+      const [corner, rate, count] = [this.room(most), this.room(most), this.room(8)];
+      this.check(this.functions.kernel_mitred(this.put(outline), BigInt(outline.length / 2), corner, rate, count));
+      const n = Number(this.read(BigInt64Array, count, 1)[0]);
+      return { corner: this.read(Float64Array, corner, 2 * n), rate: this.read(Float64Array, rate, 2 * n) };
     });
   }
 

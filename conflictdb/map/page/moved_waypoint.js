@@ -1,7 +1,6 @@
 // A track with a waypoint elsewhere: the pieces of its legs are made anew, as conflictdb/stages/pieces/cutting.py makes them, but
 // each leg is one piece; hulls of whole legs cover more, and the contacts are the same.
 
-import { bearingsOf } from "./motion.js";
 import { boxes, hullsOf, overlap, taken } from "./what_if.js";
 import { shorter } from "./world.js";
 
@@ -29,13 +28,13 @@ function legsOf(pack, object) {
   return [...legs].sort(([a], [b]) => (a < b ? -1 : 1)).map(([, leg]) => leg);
 }
 
-// A pack (unpackPieces) of a track with a waypoint [n, longitude, latitude] elsewhere, and of what it may meet there; `scene` says
-// which lines it follows. Throws an Error where it cannot be there.
-export function withWaypoint(kernel, pack, key, [n, lon, lat], scene) {
+// A pack (unpackPieces) of a track with a waypoint [n, longitude, latitude] elsewhere, and of what it may meet there. Throws an Error
+// where it cannot be there.
+export function withWaypoint(kernel, pack, key, [n, lon, lat]) {
   const object = pack.objects.indexOf(key);
   const { coordinates } = pack.plans[key].geometry;
   const places = unwrapped(coordinates.map((place, i) => (i === n ? [lon, lat] : place)));
-  const bearings = bearingsOf(places, scene);
+  const bearings = kernel.headings(pack.plane, Float64Array.from(places.flatMap((place) => [place.lon, place.lat])));
   const legs = legsOf(pack, object).map((leg, nth) => {
     const i = nth % bearings.length;
     return { ...leg, from: places[i], to: places[i + 1], bearing: bearings[i], turn: 0 };

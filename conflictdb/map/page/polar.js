@@ -225,16 +225,20 @@ export class PolarView {
   drawHavens(flagsOf, tones) {
     const { context, t } = this;
     this.names = [];
-    for (const track of this.model.tracks) {
+    const shown = this.model.tracks.filter((track) => !flagsOf(track).hidden);
+    const ask = shown.map(({ motion }) => [motion, t]);
+    const { ground } = this.model.scene;
+    const [places, rings] = [ground.places(ask), ground.havens(ask)];
+    for (const [n, track] of shown.entries()) {
       const is = flagsOf(track);
-      const place = is.hidden ? null : track.motion.place(t);
+      const place = places[n];
       if (place === null || this.pole * place[1] < LEAST_LAT) continue;
       const tone = is.chosen ? hueOf(is) : this.inConflict.has(track.key) && !is.dim ? "conflict" : "haven";
       [context.fillStyle, context.strokeStyle] = [tones[tone], tones[tone]];
       context.lineWidth = is.chosen ? 2.5 : 1.5;
       context.setLineDash(is.b ? [6, 3] : []);
       context.beginPath();
-      const ring = track.motion.haven(t).map((corner) => this.project(corner));
+      const ring = (rings[n] ?? [place]).map((corner) => this.project(corner));
       ring.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
       context.closePath();
       context.globalAlpha = is.dim ? 0.1 : is.chosen ? 0.12 : 0.3;
@@ -402,7 +406,8 @@ function trackPath(motion, pole) {
     const turn = Math.abs(points[i + 1].lon - points[i].lon) % 360;
     const size = Math.max(Math.min(turn, 360 - turn), Math.abs(points[i + 1].lat - points[i].lat));
     const parts = Math.min(MOST_PARTS, Math.max(1, Math.ceil(size / EDGE_DEG)));
-    for (let n = 1; n <= parts; n += 1) path.lineTo(...seenFrom(pole, motion.leg(i).at(n / parts, null)[0]));
+    for (const place of motion.along(i, parts)) path.lineTo(...seenFrom(pole, place));
+    path.lineTo(...seenFrom(pole, [points[i + 1].lon, points[i + 1].lat]));
   }
   return path;
 }
