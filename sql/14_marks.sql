@@ -127,8 +127,8 @@ BEGIN ATOMIC
               WHERE c.scene_id = p_scene_id AND c.is_covered AND c.with_number IS NULL) o;
 END;
 COMMENT ON FUNCTION _cover_all(bigint) IS
-'Marks each unmarked object of a scene as changed and covers all marks. For a full detection, which computes all pieces '
-'in the same transaction.';
+'Marks each unmarked object of a scene as changed and covers all marks. For a full detection, which computes all '
+'pieces in the same transaction.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$

@@ -423,9 +423,10 @@ BEGIN
     PERFORM _check_options(NEW.kind, NEW.options);
     IF NEW.kind = 'delays' THEN
         NEW.plans := NULL;
-        PERFORM _check_delays_request(NEW.scene_id, NEW.options ->> 'key',
-                                      round((NEW.options ->> 'horizon_s')::numeric, 6)::double precision * interval '1 s',
-                                      _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
+        PERFORM _check_delays_request(
+            NEW.scene_id, NEW.options ->> 'key',
+            round((NEW.options ->> 'horizon_s')::numeric, 6)::double precision * interval '1 s',
+            _instant_of((NEW.options ->> 'now_us')::numeric::bigint));
     ELSE
         IF octet_length(NEW.plans::text) > c_most_bytes THEN
             FOUND := _raise('ZC017', c_who, 'plans', format('must have at most %s bytes; got %s', c_most_bytes,

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "674ab97edbd2c711ff56d696991afd109ff515efd20885d8a6c7e9c1d9452988"
+routines_sha256 = "72a0493d4a182ada8e72a0886672a673ababd3b6a10c4644cde03373b6e7784f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
