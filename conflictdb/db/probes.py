@@ -6,22 +6,18 @@ a request, which a worker answers (`answer`), scene by scene.
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import timedelta
 from typing import Any, Final
 
-import numpy as np
 import psycopg
-from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.objects import TrackBatch
-from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
 from conflictdb.db.admission import admit
 from conflictdb.db.near import members_near, state_for, world_of
-from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
+from conflictdb.db.sources import PLAN, PlanBeside
 from conflictdb.db.track_delays import delays
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
@@ -31,15 +27,12 @@ from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.conflicts_between import conflicts_between
 from conflictdb.stages.members import Members, by_kind
 from conflictdb.stages.memory import MEMORY_MB, Memory
-from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.to_results import to_results
 from conflictdb.stages.world import World, is_within, occupy
 
 _log = logging.getLogger(__name__)
 
-# Object number of the plan; the database counts from 1.
-_PLAN: Final = 0
 # Longest wait for another admission of a scene, seconds: scenes must not wait for each other.
 _WAITS_FOR_ADMISSION_S: Final = 0.05
 # Seconds that a worker answers before it checks for detections again, so that probes do not delay editors.
@@ -198,60 +191,6 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
     store.answer_probe(conn, request.probe_id, {one.key for one in plans}, found, beyond)
 
 
-class _PlanSource:
-    """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet.
-
-    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
-    """
-
-    def __init__(
-        self,
-        conn: psycopg.Connection[Any],
-        scene_id: int,
-        plan: Area | Track,
-        replaced: str | None,
-        pieces: Pieces,
-        memory: Memory,
-        most_compared: int = MOST_COMPARED,
-    ) -> None:
-        self._conn, self._scene_id, self._memory, self._most_compared = conn, scene_id, memory, most_compared
-        self._plan, self._replaced, self._pieces = plan, replaced, pieces
-
-    def pairs(self, question: Question) -> Iterator[Chunk]:
-        within_us = question.within_us
-        longer = self._pieces.longer(within_us, within_us)
-        near, parts = store.pieces_meeting(self._conn, self._scene_id, longer, self._replaced, self._most_compared)
-        if not len(near):
-            return
-        if parts is not None:
-            yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
-        else:
-            yield from pairs_of_rows(near, self._with_plan, self._memory, within_us)
-
-    def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
-        """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
-        others, place = store.bundles(self._conn, self._scene_id, ids[ids >= 0])
-        n = len(self._pieces)
-        plan = replace(self._pieces, piece_id=-1 - np.arange(n))
-        every = Bundles.concatenate([Bundles.of_each(plan), others])
-        order = np.lexsort((np.append(np.arange(n) - n, place), every.pieces.kind))
-        places = np.empty(len(order), np.int64)
-        places[order] = np.arange(len(order))
-        return every, places
-
-    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        found = store.footprints(self._conn, area_ids)
-        if isinstance(self._plan, Area):
-            found[area_ids == _PLAN] = self._plan.footprint
-        return found
-
-    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
-        found = store.some_tracks(self._conn, self._scene_id, track_ids[track_ids != _PLAN].tolist())
-        if isinstance(self._plan, Area) or self._plan.tolerances is None:
-            return found
-        return found.followed_by(replace(TrackBatch.of([self._plan]), track_id=np.array([_PLAN])))
-
-
 def _probed_alone(
     conn: psycopg.Connection[Any], scene_id: int, world: World, plan: Area | Track, jobs: int, memory: Memory
 ) -> list[Conflict]:
@@ -259,11 +198,11 @@ def _probed_alone(
     scene = world.setup.scene
     occupied = occupy(world, *by_kind([plan]))
     cut: Area | Track = (occupied.areas or occupied.tracks)[0]
-    source = _PlanSource(conn, scene_id, cut, plan.key, occupied.pieces, memory)
+    source = PlanBeside(conn, scene_id, cut, plan.key, occupied.pieces, memory)
     parts = [part for part, _ in run_scene(world.setup, source, jobs=jobs)]
     if not parts:
         return []
     found = Conflicts.concatenate(parts)
     named = store.names_of(conn, scene_id, found)
     plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
-    return to_results(scene, {**named, (plan_kind.code, _PLAN): (plan.key, plan.name)}, found)
+    return to_results(scene, {**named, (plan_kind.code, PLAN): (plan.key, plan.name)}, found)

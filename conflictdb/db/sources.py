@@ -18,6 +18,7 @@ from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
+from conflictdb.model.plans import Area, Track
 from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
 from conflictdb.stages.near import Chunk, Question
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
@@ -33,6 +34,8 @@ _LOOKED_AT: Final = 16
 MOST_COMPARED: Final = 1_000
 # More than an object has parts: a number for a row and a part of it.
 _MOST_PARTS: Final = 2**32
+# Object number of a plan beside a scene; the database counts from 1.
+PLAN: Final = 0
 # FewStored reads at most this fraction of the pairs that would fit: rows may contain many pieces.
 _SHARE_OF_FEW: Final = 8
 
@@ -150,6 +153,65 @@ class FewStored(Stored):
         else:
             del met
             yield from super().pairs(question)
+
+
+class PlanBeside(Stored):
+    """The pieces of one plan, and those of a scene that they may meet, as a source of pairs.
+
+    replaced : the key of an object that is left out
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    """
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        plan: Area | Track,
+        replaced: str | None,
+        pieces: Pieces,
+        memory: Memory,
+        most_compared: int = MOST_COMPARED,
+    ) -> None:
+        super().__init__(conn, scene_id, memory)
+        self._most_compared = most_compared
+        self._plan, self._replaced, self._pieces = plan, replaced, pieces
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Yield the pairs of the plan with the scene."""
+        within_us = question.within_us
+        longer = self._pieces.longer(within_us, within_us)
+        near, parts = store.pieces_meeting(self._conn, self.scene_id, longer, self._replaced, self._most_compared)
+        if not len(near):
+            return
+        if parts is not None:
+            yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
+        else:
+            yield from pairs_of_rows(near, self._with_plan, self._memory, within_us)
+
+    def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
+        """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
+        others, place = store.bundles(self._conn, self.scene_id, ids[ids >= 0])
+        n = len(self._pieces)
+        plan = replace(self._pieces, piece_id=-1 - np.arange(n))
+        every = Bundles.concatenate([Bundles.of_each(plan), others])
+        order = np.lexsort((np.append(np.arange(n) - n, place), every.pieces.kind))
+        places = np.empty(len(order), np.int64)
+        places[order] = np.arange(len(order))
+        return every, places
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        found = super().footprints(area_ids)
+        if isinstance(self._plan, Area):
+            found[area_ids == PLAN] = self._plan.footprint
+        return found
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        found = store.some_tracks(self._conn, self.scene_id, track_ids[track_ids != PLAN].tolist())
+        if isinstance(self._plan, Area) or self._plan.tolerances is None:
+            return found
+        return found.followed_by(replace(TrackBatch.of([self._plan]), track_id=np.array([PLAN])))
 
 
 def joined(

@@ -20,6 +20,7 @@ from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Speeds
 from conflictdb.stages.margins import widened
+from conflictdb.stages.near import Question
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.world import Reach, has_schedules, is_within, touched
 
@@ -43,7 +44,9 @@ def delays(
             known = store.stored_delays(conn, store.scene_or_branch_id(conn, scene), key, horizon_us, now_us)
             if known:
                 return known
-        settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
+        most_us = round(1e6 * within_s)
+        question = Question(earlier_us=most_us, later_us=most_us, within_m=clear_within_m or 0.0)
+        settings, areas, tracks = _read(conn, scene, key, lambda _: question)
         window = store.stored_window(conn, store.scene_or_branch_id(conn, scene))
     return questions.delays_over(window, tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
 
@@ -54,13 +57,15 @@ def speeds(
     """Return the speeds of a track, or of each track, from one state of the objects; raises as `delays`."""
     slowest, fastest = questions.limits(slowest, fastest)
 
-    def most_us(track: Track) -> int:
-        """How much later or earlier a track may be anywhere."""
+    def question(track: Track) -> Question:
         lasts_us = int(track.times_us[-1] - track.times_us[0])
-        return math.ceil(lasts_us * max(1.0 / slowest - 1.0, 1.0 - 1.0 / fastest)) + 1
+        return Question(
+            earlier_us=math.ceil(lasts_us * (1.0 - 1.0 / fastest)) + 1,
+            later_us=math.ceil(lasts_us * (1.0 / slowest - 1.0)) + 1,
+        )
 
     with store.snapshot(conn):
-        settings, areas, tracks = _read(conn, scene, key, most_us)
+        settings, areas, tracks = _read(conn, scene, key, question)
         window = store.stored_window(conn, store.scene_or_branch_id(conn, scene))
     return questions.speeds_over(window, tracks, areas, settings, key, slowest, fastest, leg=leg)
 
@@ -74,27 +79,23 @@ def read_departing(
 
     Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
-    return _read(conn, scene, key, lambda track: round(1e6 * within_s), at_any_height=at_any_height)
+    most_us = round(1e6 * within_s)
+    question = Question(earlier_us=most_us, later_us=most_us, any_height=at_any_height)
+    return _read(conn, scene, key, lambda _: question)
 
 
 def read_around(conn: psycopg.Connection[Any], scene: str, track: Track) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene and what a track, stored or not, may meet; raises InvalidInput if the scene does not exist."""
     with store.snapshot(conn):
         is_current = store.scene_state(conn, scene).is_current
-        keys = _around(conn, scene, [track], lambda _: 0, 0.0, False) if is_current else None
+        keys = _around(conn, scene, track, Question()) if is_current else None
         return store.read_scene(conn, scene, keys)
 
 
 def _read(
-    conn: psycopg.Connection[Any],
-    scene: str,
-    key: str | None,
-    most_us: Callable[[Track], int],
-    near_m: float = 0.0,
-    *,
-    at_any_height: bool = False,
+    conn: psycopg.Connection[Any], scene: str, key: str | None, question: Callable[[Track], Question]
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene and its objects, or those that a track may meet if it is earlier or later by up to `most_us`.
+    """Return a scene and its objects, or those that a track may meet if it is at other times.
 
     Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet, or come near to.
     """
@@ -103,41 +104,29 @@ def _read(
         keys = None
         if key is not None and is_current:
             _, _, tracks = store.read_scene(conn, scene, [key])
-            keys = [*_around(conn, scene, tracks, most_us, near_m, at_any_height), key]
+            keys = [one for track in tracks for one in _around(conn, scene, track, question(track))] + [key]
         return store.read_scene(conn, scene, keys)
 
 
-def _around(
-    conn: psycopg.Connection[Any],
-    scene: str,
-    tracks: list[Track],
-    most_us: Callable[[Track], int],
-    near_m: float,
-    at_any_height: bool,
-) -> list[str]:
-    """Return the keys of the objects whose boxes a track may meet if it is earlier or later, or come near to.
+def _around(conn: psycopg.Connection[Any], scene: str, track: Track, question: Question) -> list[str]:
+    """Return the keys of the objects whose boxes a track may meet, or come near to, in all layers of a scene.
 
     Where that is beyond the time over which schedules are expanded, also all objects with a schedule near its way.
-
-    tracks : the track, or none
-    near_m : metres, beyond the required separation
     """
-    if not tracks:
-        return []
     number = store.scene_or_branch_id(conn, scene)
     settings = store.read_settings(conn, number)
+    near_m = question.within_m
     wide = widened(settings, settings.largest_separation_m + near_m) if near_m else settings
-    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of(tracks))
-    latest_us = max(map(most_us, tracks))
-    horizon_us = latest_us + settings.longest_time_us
+    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of([track]))
+    horizon_us = question.within_us + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
-    if at_any_height:
+    if question.any_height:
         all_m = np.full(len(pieces), np.inf)
         at_any_time = replace(at_any_time, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
-    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, tracks[0].key)]
-    span, window = touched(tracks, settings, Reach.either(latest_us)), store.stored_window(conn, number)
-    if has_schedules(tracks) or not is_within(span, window):
-        keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, settings, tracks, near_m)]
+    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, track.key)]
+    span, window = touched([track], settings, Reach.either(question.within_us)), store.stored_window(conn, number)
+    if has_schedules([track]) or not is_within(span, window):
+        keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, settings, [track], near_m)]
     return keys

@@ -18,8 +18,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.db.probes import _PlanSource
-from conflictdb.db.sources import MOST_COMPARED
+from conflictdb.db.sources import MOST_COMPARED, PlanBeside
 from conflictdb.earth.registry import Setup
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.model.plans import Area, Scene, Track
@@ -119,8 +118,7 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
             stored, at_client = (
                 list(source.pairs(Question.of(settings)))
                 for source in (
-                    _PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most)
-                    for most in (ALWAYS, NEVER)
+                    PlanBeside(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most) for most in (ALWAYS, NEVER)
                 )
             )
             assert after_stage2(stored) == after_stage2(at_client), (scene.name, plan.key)
