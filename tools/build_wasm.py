@@ -19,7 +19,8 @@ OUTPUT: Final = Path(__file__).resolve().parents[1] / "conflictdb" / "map" / "pa
 EXPORTS: Final = (
     "kernel_abi", "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",
     "kernel_contacts_free", "kernel_differences", "kernel_hulls", "kernel_apart", "kernel_distances",
-    "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees", "kernel_mitred", "malloc", "free",
+    "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees", "kernel_mitred", "kernel_may_meet",
+    "malloc", "free",
 )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Stage 1 at the client, for whole scenes of a database and for Spark: join rows whose boxes intersect.
 
-Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`.
+Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`. `may_meet` is the rule of a pair, as
+`_pieces_may_meet` of the database.
 """
 
 import ctypes
@@ -22,20 +23,26 @@ from conflictdb.kernel.library import Held, address, check, library
 class RowBoxes:
     """Bounding boxes of n rows of pieces (KernelBoxes).
 
-    boxes : (n, 4) min x, min y, max x, max y, plane metres
+    boxes : (n, 4) min x, min y, max x, max y, plane metres; None: not compared
     floor_m, ceiling_m : (n,) -inf, inf if unbounded
     start_us, end_us : (n,) MINUS_INFINITY_US, INFINITY_US if unbounded
     object : (n,) number of the object
     is_copy : (n,) whether the row is a seam copy
+    end_inclusive : (n,) whether the instant end_us belongs to the row; None: it does
+    owner : (n,) number of the object's owner, 0 without; None: without
+    type : (n,) type of the object (`Separations`); None: one type
     """
 
-    boxes: Floats
+    boxes: Floats | None
     floor_m: Floats
     ceiling_m: Floats
     start_us: NDArray[np.int64]
     end_us: NDArray[np.int64]
     object: NDArray[np.int64]
     is_copy: NDArray[np.bool_]
+    end_inclusive: NDArray[np.bool_] | None = None
+    owner: NDArray[np.int64] | None = None
+    type: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.object)
@@ -47,7 +54,8 @@ class RowBoxes:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the rows."""
-        return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))
+        columns: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        return replace(self, **{name: column[rows] for name, column in columns.items() if column is not None})
 
 
 class HeldBoxes(Held):
@@ -67,8 +75,41 @@ class HeldBoxes(Held):
             end_us=rows.end_us,
             object=rows.object,
             is_copy=rows.is_copy,
+            end_inclusive=rows.end_inclusive,
+            owner=rows.owner,
+            type=rows.type,
         )
         return held
+
+
+class _Compared(Held):
+    """KernelCompared."""
+
+    _fields_, types = structure("KernelCompared")
+
+
+def may_meet(
+    rows: RowBoxes,
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    within_us: int = 0,
+    compared: NDArray[np.bool_] | None = None,
+    *,
+    others: RowBoxes | None = None,
+) -> NDArray[np.bool_]:
+    """Return (m,) whether rows a and b (m,), of different objects, may meet: stage 1. b : rows of `others`, if given.
+
+    within_us : how far apart in time they may be
+    compared : (t, t) whether objects of two types are compared; None: all are
+    """
+    held, found = HeldBoxes.of(rows), np.empty(len(a), np.bool_)
+    held_others = held if others is None else HeldBoxes.of(others)
+    which = _Compared(within_us, 0 if compared is None else len(compared))
+    which.hold(of_types=compared)
+    a, b = (np.ascontiguousarray(side, np.int64) for side in (a, b))
+    given = [ctypes.byref(one) for one in (held, held_others, which)]
+    check(library().kernel_may_meet(*given, address(a), address(b), len(a), address(found)))
+    return found
 
 
 def near_order(rows: RowBoxes) -> NDArray[np.int64]:

@@ -40,7 +40,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 23
+#define KERNEL_ABI 24
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -503,12 +503,31 @@ typedef struct {
     const int64_t *end_us;   /* (count,) */
     const int64_t *object;   /* (count,) number of the row's object */
     const uint8_t *is_copy;  /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
+    const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the row; NULL: all do */
+    const int64_t *owner;         /* (count,) numbers of owners, 0: without; two rows of one are no pair; NULL: without */
+    const int64_t *type;          /* (count,) types of objects; NULL if all types are compared */
 } KernelBoxes;
+
+/* Which pairs of rows may meet. */
+typedef struct {
+    int64_t within_us;       /* rows that are at most so far apart in time */
+    int64_t type_count;      /* number of types */
+    const uint8_t *of_types; /* (type_count, type_count) 1: objects of two types are compared; NULL: all are */
+} KernelCompared;
+
+/* Say which pairs of rows of different objects may meet, by boxes, times, heights, seam copies, owners and types.
+ *
+ * rows, others : without boxes (NULL), boxes are not compared; objects are not read
+ * a, b : (count,) indices of rows, and of others
+ * may_meet : (count,) result: 1 or 0
+ */
+KERNEL_API KernelStatus kernel_may_meet(const KernelBoxes *rows, const KernelBoxes *others, const KernelCompared *compared,
+                                        const int64_t *a, const int64_t *b, int64_t count, uint8_t *may_meet);
 
 /* Order rows so that neighbours in space and time are neighbours in the order. order : (count,) result */
 KERNEL_API KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order);
 
-/* Find the rows whose boxes intersect given rows in space, height and time, and whose object has a larger number.
+/* Find the rows that may meet given rows (kernel_may_meet), and whose object has a larger number. Types are not read.
  *
  * rows : in the order of kernel_box_order; any other order gives the same pairs, more slowly
  * of : (wanted,) indices of the given rows, those of an object consecutive
@@ -527,7 +546,7 @@ typedef struct KernelBoxTree KernelBoxTree;
 KERNEL_API KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree);
 KERNEL_API void kernel_box_tree_free(KernelBoxTree *tree);
 
-/* Find the rows of a tree whose boxes intersect given rows in space, height and time, of any object.
+/* Find the rows of a tree that may meet given rows (kernel_may_meet), of any object. Types are not read.
  *
  * first, second : (room,) result: given rows in their order, and rows of the tree by the numbers they were made with
  * found : (1,) result: number of pairs; if it exceeds room, only as many are written

@@ -69,9 +69,10 @@ class Held(ctypes.Structure):
     types: ClassVar[dict[str, Any]]
 
     def hold(self, **arrays: Any) -> None:
-        """Set pointers to arrays by name, copied if of another type or not contiguous; others stay NULL."""
+        """Set pointers to arrays by name, copied if of another type or not contiguous; None and others stay NULL."""
         types = self.types
-        self._arrays = held = {name: np.ascontiguousarray(values, types[name]) for name, values in arrays.items()}
+        given = {name: values for name, values in arrays.items() if values is not None}
+        self._arrays = held = {name: np.ascontiguousarray(values, types[name]) for name, values in given.items()}
         for name, array in held.items():
             setattr(self, name, address(array))
 

@@ -20,7 +20,7 @@ from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import is_covered, pieces_of
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.stage1_broad_phase import hulls_of, is_together, pairs_together
+from conflictdb.stages.stage1_broad_phase import hulls_of, pairs_together
 from conflictdb.stages.stage4.closest_approach import Approaches, approaches
 from conflictdb.stages.uses import with_wide_areas
 from conflictdb.stages.uses_of_tracks import least_reach
@@ -75,10 +75,9 @@ def _of_some(
     """Return least margins of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
     row, other = tree.query(hulls_of(mine))
     others = object_numbers(mine)[row] != number[other]
-    others &= (mine.owner_number[row] != pieces.owner_number[other]) | (mine.owner_number[row] == 0)
     both = Pieces.concatenate([mine, pieces])
     within_us = max(settings.time_separation_us for settings in separations.settings)
-    a, b = pairs_together(both.meeting_within(within_us), PieceRows(row[others]), PieceRows(len(mine) + other[others]))
+    a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]), within_us)
     near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
     a, b = PieceRows(a[near]), PieceRows(b[near])
     if (separations.of_types == 0).all():
@@ -88,9 +87,7 @@ def _of_some(
         few = np.flatnonzero(separations.have(settings, both, a, b))
         own = separations.of_settings(settings, both)
         one, other = PieceRows(a[few]), PieceRows(b[few])
-        keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
-        keep &= is_together(own.meeting_within(settings.time_separation_us), one, other)
-        one, other = PieceRows(one[keep]), PieceRows(other[keep])
+        one, other = pairs_together(own, one, other, settings.time_separation_us)
         found.append(_of_pairs(plane, settings, own, one, other, owner, within_m))
     margins_m, errors_m = (np.array(some) for some in zip(*found, strict=True))
     least_m = margins_m.min(axis=0)

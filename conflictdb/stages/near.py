@@ -17,7 +17,7 @@ from conflictdb import kernel
 from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.kernel.boxes import BoxTree, RowBoxes
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, may_meet
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -25,7 +25,7 @@ from conflictdb.stages.members import Member, Members
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.separations import Separations
-from conflictdb.stages.stage1_broad_phase import candidates, hulls_of, pairs_together
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of, pairs_together, rows_of
 
 _Ints = NDArray[np.int64]
 
@@ -181,7 +181,10 @@ class Memory:
             return candidates(self.pieces.meeting_within(question.within_us))
         pieces, number, mine = self.pieces, self.number, question.mine
         start_us, end_us = self._spans_us
+        # Their ends belong to them.
+        every = replace(rows_of(pieces), start_us=start_us, end_us=end_us, end_inclusive=None)
         earliest_us, latest_us = start_us[mine] - question.earlier_us, end_us[mine] + question.later_us
+        moved = replace(every.take(mine), start_us=earliest_us, end_us=latest_us)
         is_mine = np.zeros(len(pieces), np.bool_)
         is_mine[mine] = not question.each_way
         nothing = np.empty(0, np.int64)
@@ -191,9 +194,7 @@ class Memory:
             row, b = self._tree.query(self._hulls[rows])
             a, row = rows[row], first + row
             keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
-            keep &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
-            keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-            keep &= (start_us[b] <= latest_us[row]) & (end_us[b] >= earliest_us[row])
+            keep &= may_meet(moved, row, b, others=every)
             a, b = PieceRows(a[keep]), PieceRows(b[keep])
             if self._only is not None:
                 few = self._only[0].have(self._only[1], pieces, a, b)
@@ -255,9 +256,7 @@ class Together:
         if not self._a:
             return
         a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
-        names = {one.owner: k for k, one in enumerate(self._members) if one.owner is not None}
-        owner = np.array([-1 - k if m.owner is None else names[m.owner] for k, m in enumerate(self._members)])[of]
-        others = owner[a] != owner[b]
+        others = of[a] != of[b]
         a, b = a[others], b[others]
         ids = np.empty(len(self._members), np.int64)
         self._by_number = {kind: [] for kind in Kind}
@@ -274,7 +273,7 @@ class Together:
         place[order] = np.arange(len(order))
         is_first = numbers[a] < numbers[b]
         pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
-        a, b = pairs_together(pieces.meeting_within(question.within_us), PieceRows(a), PieceRows(b))
+        a, b = pairs_together(pieces, PieceRows(a), PieceRows(b), question.within_us)
         numbers = numbers[order]
         order = np.lexsort((b, a))
         a, b = a[order], b[order]

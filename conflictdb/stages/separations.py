@@ -16,7 +16,7 @@ from conflictdb.arrays.words import numbers_of_words
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.model.rules import REPLACED, RuleTable
-from conflictdb.stages.stage1_broad_phase import is_together
+from conflictdb.stages.stage1_broad_phase import pairs_together
 
 _Ints = NDArray[Any]
 
@@ -136,9 +136,7 @@ class Separations:
             place = np.cumsum(is_used) - 1
             one, other = PieceRows(place[a[rows]]), PieceRows(place[b[rows]])
             own = self.of_settings(settings, pieces.take(np.flatnonzero(is_used)))
-            keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
-            keep &= is_together(own.meeting_within(settings.time_separation_us), one, other)
-            yield settings, own, PieceRows(one[keep]), PieceRows(other[keep])
+            yield settings, own, *pairs_together(own, one, other, settings.time_separation_us)
 
     def have(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
         """Return (n,) whether pairs of pieces have some settings."""

@@ -1,6 +1,6 @@
 """Stage 1 in memory: the pairs of pieces whose boxes meet in space, time and height, for `solve`.
 
-By the predicates of `sql/20_stage1_broad_phase.sql`, which does it for rows of pieces in the database, and leaves those
+By the rule of the kernel (`kernel.boxes.may_meet`). The database has the same rule for rows of pieces, and leaves those
 of a bundle to the kernel; both find the same pairs.
 """
 
@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.kernel.boxes import RowBoxes, may_meet
 
 # Pieces of a slice of time. Slices are used if they and the pieces alive in each are at most this multiple of all.
 _SLICE: Final = 1_000
@@ -62,22 +63,17 @@ def _pairs_in_order(
     return pairs_together(pieces, PieceRows(a[earlier]), PieceRows(b[earlier]))
 
 
-def pairs_together(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRows, PieceRows]:
-    """Return those of some pairs that share time and heights; of two seam copies the originals do."""
-    keep = (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
-    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    a, b = PieceRows(a[keep]), PieceRows(b[keep])
-    keep = is_together(pieces, a, b)
+def pairs_together(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int = 0) -> tuple[PieceRows, PieceRows]:
+    """Return those of some pairs, of different objects and whose boxes meet, that may meet within a time."""
+    keep = may_meet(rows_of(pieces), a, b, within_us)
     return PieceRows(a[keep]), PieceRows(b[keep])
 
 
-def is_together(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether pieces a and b share time."""
-    start, end = pieces.shared_span(a, b)
-    last = np.ones(len(a), np.bool_)
-    for member in (a, b):
-        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
-    return np.asarray((start < end) | ((start == end) & last))
+def rows_of(pieces: Pieces) -> RowBoxes:
+    """Return pieces as rows for `may_meet`, without boxes and types."""
+    heights, times = (pieces.floor_m, pieces.ceiling_m), (pieces.start_us, pieces.end_us)
+    ends, owner = pieces.end_inclusive, pieces.owner_number
+    return RowBoxes(None, *heights, *times, pieces.object_id, pieces.turn != 0, end_inclusive=ends, owner=owner)
 
 
 def hulls_of(pieces: Pieces) -> NDArray[np.object_]:

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "broad/may_meet.h"
 #include "kernel.h"
 #include "planes/plane.h"
 
@@ -85,6 +86,30 @@ static KernelStatus check_boxes(const KernelBoxes *rows) {
     return rows->count == 0 || (is_whole && rows->object && rows->is_copy) ? KERNEL_OK : KERNEL_NULL;
 }
 
+/* Whether rows have all columns that may_meet reads, and types below the number of types. */
+static KernelStatus check_compared(const KernelBoxes *rows, const KernelCompared *compared) {
+    if (!rows || !compared) return KERNEL_NULL;
+    if (rows->count < 0 || compared->within_us < 0 || compared->type_count < 0) return KERNEL_BAD_COUNT;
+    bool is_whole = rows->floor_m && rows->ceiling_m && rows->start_us && rows->end_us && rows->is_copy;
+    if (rows->count > 0 && (!is_whole || (compared->of_types && !rows->type))) return KERNEL_NULL;
+    for (int64_t i = 0; compared->of_types && i < rows->count; i++)
+        if (rows->type[i] < 0 || rows->type[i] >= compared->type_count) return KERNEL_BAD_PIECE;
+    return KERNEL_OK;
+}
+
+KernelStatus kernel_may_meet(const KernelBoxes *rows, const KernelBoxes *others, const KernelCompared *compared,
+                             const int64_t *a, const int64_t *b, int64_t count, uint8_t *met) {
+    KernelStatus status = check_compared(rows, compared);
+    if (status == KERNEL_OK) status = check_compared(others, compared);
+    if (status != KERNEL_OK) return status;
+    if (count < 0) return KERNEL_BAD_COUNT;
+    if (count > 0 && (!a || !b || !met)) return KERNEL_NULL;
+    for (int64_t k = 0; k < count; k++)
+        if (a[k] < 0 || a[k] >= rows->count || b[k] < 0 || b[k] >= others->count) return KERNEL_BAD_PIECE;
+    for (int64_t k = 0; k < count; k++) met[k] = may_meet(rows, a[k], others, b[k], compared);
+    return KERNEL_OK;
+}
+
 KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order) {
     KernelStatus status = check_boxes(rows);
     if (status != KERNEL_OK || rows->count == 0) return status;
@@ -100,23 +125,23 @@ KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order) {
 
 /* Tree node: bounds of the rows [first, end). next: the node after its subtree. */
 typedef struct {
-    double low_x, low_y, high_x, high_y, floor_m, ceiling_m;
-    int64_t start_us, end_us, object; /* largest number of an object */
+    double box[4], floor_m, ceiling_m;
+    Span span;
+    int64_t object; /* largest number of an object */
     int64_t first, end, next;
     bool is_copy; /* whether all rows are copies */
 } Node;
 
+/* Rows are as long as they meet others, and types are compared later. */
+static const KernelCompared ALL = {0, 0, NULL};
+
 static Node alone(const KernelBoxes *rows, int64_t i) {
     const double *box = rows->boxes + 4 * i;
     return (Node){
-        .low_x = box[0],
-        .low_y = box[1],
-        .high_x = box[2],
-        .high_y = box[3],
+        .box = {box[0], box[1], box[2], box[3]},
         .floor_m = rows->floor_m[i],
         .ceiling_m = rows->ceiling_m[i],
-        .start_us = rows->start_us[i],
-        .end_us = rows->end_us[i],
+        .span = {rows->start_us[i], rows->end_us[i], true},
         .object = rows->object[i],
         .first = i,
         .end = i + 1,
@@ -129,14 +154,11 @@ static Node alone(const KernelBoxes *rows, int64_t i) {
  */
 static Node joined(Node a, Node b) {
     return (Node){
-        .low_x = fmin(a.low_x, b.low_x),
-        .low_y = fmin(a.low_y, b.low_y),
-        .high_x = fmax(a.high_x, b.high_x),
-        .high_y = fmax(a.high_y, b.high_y),
+        .box = {fmin(a.box[0], b.box[0]), fmin(a.box[1], b.box[1]), fmax(a.box[2], b.box[2]), fmax(a.box[3], b.box[3])},
         .floor_m = fmin(a.floor_m, b.floor_m),
         .ceiling_m = fmax(a.ceiling_m, b.ceiling_m),
-        .start_us = a.start_us < b.start_us ? a.start_us : b.start_us,
-        .end_us = a.end_us > b.end_us ? a.end_us : b.end_us,
+        .span = {a.span.start_us < b.span.start_us ? a.span.start_us : b.span.start_us,
+                 a.span.end_us > b.span.end_us ? a.span.end_us : b.span.end_us, true},
         .object = a.object > b.object ? a.object : b.object,
         .first = a.first,
         .end = b.end,
@@ -165,15 +187,11 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
     return next;
 }
 
-/* Whether the box of a row intersects that of a node, and not all are seam copies. */
-static bool overlap(const Node *row, const Node *some) {
-    return row->low_x <= some->high_x && some->low_x <= row->high_x && row->low_y <= some->high_y &&
-           some->low_y <= row->high_y && row->start_us <= some->end_us && some->start_us <= row->end_us &&
-           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && !(row->is_copy && some->is_copy);
+/* Whether a row may meet rows of a node. */
+static bool may_meet_some(const Node *row, const Node *some) {
+    return boxes_meet(row->box, some->box) && times_meet(row->span, some->span, 0) &&
+           heights_meet(row->floor_m, row->ceiling_m, some->floor_m, some->ceiling_m) && !(row->is_copy && some->is_copy);
 }
-
-/* Whether a row may form a pair with rows of a node: boxes intersect, an object number is larger. */
-static bool meet(const Node *row, const Node *some) { return row->object < some->object && overlap(row, some); }
 
 KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
                               int64_t room, int64_t *done, int64_t *found, int64_t *looked_at) {
@@ -193,7 +211,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
         for (int64_t n = 0; n < count;) {
             const Node *node = nodes + n;
             ++*looked_at;
-            if (!meet(&row, node)) {
+            if (row.object >= node->object || !may_meet_some(&row, node)) {
                 n = node->next;
                 continue;
             }
@@ -201,8 +219,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
             if (node->next > n) continue;
             *looked_at += node->end - node->first;
             for (int64_t j = node->first; j < node->end; j++) {
-                const Node other = alone(rows, j);
-                if (!meet(&row, &other)) continue;
+                if (row.object >= rows->object[j] || !may_meet(rows, of[k], rows, j, &ALL)) continue;
                 if (pairs == room) {
                     free(nodes);
                     return KERNEL_OK;
@@ -229,14 +246,15 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
     if (status != KERNEL_OK) return status;
     if (!tree) return KERNEL_NULL;
     size_t n = (size_t)rows->count;
-    size_t row_size = 6 * sizeof(double) + 4 * sizeof(int64_t) + sizeof(uint8_t);
+    size_t row_size = 6 * sizeof(double) + 5 * sizeof(int64_t) + 2 * sizeof(uint8_t);
     char *block = malloc(sizeof(KernelBoxTree) + most_nodes(rows->count) * sizeof(Node) + n * row_size);
     if (!block) return KERNEL_NO_MEMORY;
     KernelBoxTree *made = (KernelBoxTree *)block;
     Node *nodes = (Node *)(made + 1);
     double *boxes = (double *)(nodes + most_nodes(rows->count)), *floor_m = boxes + 4 * n, *ceiling_m = floor_m + n;
     int64_t *start_us = (int64_t *)(ceiling_m + n), *end_us = start_us + n, *object = end_us + n, *number = object + n;
-    uint8_t *is_copy = (uint8_t *)(number + n);
+    int64_t *owner = number + n;
+    uint8_t *is_copy = (uint8_t *)(owner + n), *end_inclusive = is_copy + n;
     status = kernel_box_order(rows, number);
     if (status != KERNEL_OK) {
         free(block);
@@ -248,9 +266,10 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
         floor_m[k] = rows->floor_m[i], ceiling_m[k] = rows->ceiling_m[i];
         start_us[k] = rows->start_us[i], end_us[k] = rows->end_us[i];
         object[k] = rows->object[i], is_copy[k] = rows->is_copy[i];
+        owner[k] = rows->owner ? rows->owner[i] : 0, end_inclusive[k] = !rows->end_inclusive || rows->end_inclusive[i];
     }
     *made = (KernelBoxTree){
-        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy},
+        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy, end_inclusive, owner, NULL},
         .number = number,
         .nodes = nodes,
     };
@@ -272,15 +291,14 @@ KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes 
         const Node row = alone(rows, i);
         for (int64_t n = 0; n < tree->node_count;) {
             const Node *node = tree->nodes + n;
-            if (!overlap(&row, node)) {
+            if (!may_meet_some(&row, node)) {
                 n = node->next;
                 continue;
             }
             n++;
             if (node->next > n) continue;
             for (int64_t j = node->first; j < node->end; j++) {
-                const Node other = alone(&tree->rows, j);
-                if (!overlap(&row, &other)) continue;
+                if (!may_meet(rows, i, &tree->rows, j, &ALL)) continue;
                 if (pairs < room) first[pairs] = i, second[pairs] = tree->number[j];
                 pairs++;
             }

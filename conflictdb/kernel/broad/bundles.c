@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "broad/may_meet.h"
 #include "kernel.h"
 #include "planes/plane.h"
 
@@ -34,10 +35,6 @@ static Box joined(Box a, Box b) {
 }
 
 static double area(Box box) { return (box.high_x - box.low_x) * (box.high_y - box.low_y); }
-
-static bool meet(Box a, Box b) {
-    return a.low_x <= b.high_x && b.low_x <= a.high_x && a.low_y <= b.high_y && b.low_y <= a.high_y;
-}
 
 /* The parts of an area: their order, bundle by bundle, and where bundles begin. share: the cost of a bundle, as an
  * area. */
@@ -122,12 +119,12 @@ KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8
     return KERNEL_OK;
 }
 
-/* Whether the time spans of two pieces share an instant. */
-static bool share_time(const KernelBundled *pieces, int64_t i, int64_t j) {
-    int64_t start = pieces->start_us[i] > pieces->start_us[j] ? pieces->start_us[i] : pieces->start_us[j];
-    int64_t end = pieces->end_us[i] < pieces->end_us[j] ? pieces->end_us[i] : pieces->end_us[j];
-    if (start != end) return start < end;
-    return (pieces->end_us[i] > end || pieces->end_inclusive[i]) && (pieces->end_us[j] > end || pieces->end_inclusive[j]);
+static bool meet(const double *box, Box bounds) {
+    return boxes_meet(box, (const double[]){bounds.low_x, bounds.low_y, bounds.high_x, bounds.high_y});
+}
+
+static Span span_of_piece(const KernelBundled *pieces, int64_t i) {
+    return (Span){pieces->start_us[i], pieces->end_us[i], pieces->end_inclusive[i] != 0};
 }
 
 KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
@@ -157,14 +154,16 @@ KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a,
     for (int64_t k = 0; status == KERNEL_OK && k < count; k++) {
         int64_t nearest = 0, passed = 0;
         for (int64_t j = offset[b[k]]; j < offset[b[k] + 1]; j++)
-            if (meet(box_of(pieces->boxes, j), whole[a[k]])) near[nearest++] = j;
+            if (meet(pieces->boxes + 4 * j, whole[a[k]])) near[nearest++] = j;
         for (int64_t i = offset[a[k]]; status == KERNEL_OK && i < offset[a[k] + 1]; i++) {
-            Box box = box_of(pieces->boxes, i);
+            const double *box = pieces->boxes + 4 * i;
             if (!meet(box, whole[b[k]])) continue;
             /* A bundle is in order of time: a piece that ended before this one begins cannot meet any later one. */
             while (passed < nearest && pieces->end_us[near[passed]] < pieces->start_us[i]) passed++;
             for (int64_t n = passed; n < nearest && pieces->start_us[near[n]] <= pieces->end_us[i]; n++) {
-                if (!meet(box, box_of(pieces->boxes, near[n])) || !share_time(pieces, i, near[n])) continue;
+                if (!boxes_meet(box, pieces->boxes + 4 * near[n]) ||
+                    !times_meet(span_of_piece(pieces, i), span_of_piece(pieces, near[n]), 0))
+                    continue;
                 if (*found == room) {
                     status = KERNEL_BAD_COUNT;
                     break;

@@ -1,6 +1,6 @@
 // The kernel of detections as WebAssembly (kernel.wasm): structures as kernel.h has them, with pointers of 32 bits.
 
-const ABI = 23; // KERNEL_ABI that the structures below are of
+const ABI = 24; // KERNEL_ABI that the structures below are of
 const OK = 0;
 const DIFFERENCE_BYTES = 72; // KernelDifference
 const CONTACT_BYTES = 40; // KernelContact
@@ -128,6 +128,18 @@ export class Kernel {
       const found = this.room(a.length);
       this.check(this.functions.kernel_apart(
         this.put(xy), BigInt(xy.length / 2), this.put(offset), BigInt(offset.length - 1), this.put(a), this.put(b), BigInt(a.length), found));
+      return this.read(Uint8Array, found, a.length);
+    });
+  }
+
+  // Whether pairs (BigInt64Array) of rows a and rows b of others may meet: 1 or 0 each. Rows are the columns of
+  // KernelBoxes, null for none; compared: of two types, null for all.
+  mayMeet(rows, others, { within = 0n, types = 0n, compared = null }, a, b) {
+    return this.call(() => {
+      const [one, other] = [rows, others].map((columns) => this.struct(BigInt(columns[1].length), ...columns));
+      const found = this.room(a.length);
+      this.check(this.functions.kernel_may_meet(
+        one, other, this.struct(within, types, compared), this.put(a), this.put(b), BigInt(a.length), found));
       return this.read(Uint8Array, found, a.length);
     });
   }
