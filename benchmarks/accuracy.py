@@ -48,14 +48,14 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_stages
+from conflictdb.core.stage1_broad_phase import candidates
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)

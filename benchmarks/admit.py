@@ -43,8 +43,8 @@ from numpy.typing import NDArray
 
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
-from conflictdb.db.store import WORKER_NAME, WorkerStamp
 from conflictdb.formats.scene_file import feature_of
+from conflictdb.store import WORKER_NAME, WorkerStamp
 
 if TYPE_CHECKING:
     import psycopg

@@ -5,7 +5,7 @@
 Random scenes of N areas and N tracks, in a window that grows with N. Before every detection runs one by another method,
 so that every row changes. The result is the median of processor seconds of client and server. Below each scene: the
 time of the database per row, in units of the time to make a piece in memory, like the constants of
-`conflictdb.advice.advise`. A row of a conflict includes the regions that the kernel leaves to the database. The scenes
+`conflictdb.client.advise`. A row of a conflict includes the regions that the kernel leaves to the database. The scenes
 stay in the database, named `advice 40` and so on.
 """
 
@@ -22,12 +22,11 @@ from measured import detect, medians
 from workloads import LOW_LATITUDE, throw
 
 import conflictdb
-from conflictdb import Method
-from conflictdb.advice.estimates import Trial
+from conflictdb import Method, store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import store
+from conflictdb.client.estimates import Trial
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.pieces.covers import pieces_of
 
 METHODS = (Method.SCREEN, Method.EXACT)
 ROW = "{:>12} {:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>7}"

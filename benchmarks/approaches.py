@@ -28,15 +28,15 @@ from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.object_pairs import object_keys
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage1_broad_phase import candidates
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.meeting import meetings
 from conflictdb.model.plans import EarthModel, Motion
-from conflictdb.stages.object_pairs import object_keys
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 ROUNDS = 5
 # Repetitions of the first contact points, so that the clock resolves their time.

@@ -26,13 +26,13 @@ from workloads import GROWING, GROWING_CIRCLES, OCEAN, Workload, throw
 
 from conflictdb import Area, Scene, Track, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core import delays
+from conflictdb.core.near import Memory
+from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.differences import DifferenceState
 from conflictdb.model.results import Kind as ObjectKind
-from conflictdb.stages import delays
-from conflictdb.stages.near import Memory
-from conflictdb.stages.object_pairs import object_numbers
-from conflictdb.stages.pieces.covers import pieces_of
 
 NMI: Final = 1852.0
 T0_US: Final = 1_780_000_000_000_000

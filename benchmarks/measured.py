@@ -31,9 +31,9 @@ from psycopg import sql
 from psycopg.conninfo import make_conninfo
 
 import conflictdb
-from conflictdb import Area, Scene, Track
-from conflictdb.db import schema, store
-from conflictdb.server import embedded
+from conflictdb import Area, Scene, Track, store
+from conflictdb.embedded import embedded
+from conflictdb.jobs import schema
 
 WARM: Final = "strait"  # a scene of the package: warms up whatever is slow the first time
 STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")

@@ -47,10 +47,10 @@ import conflictdb
 from conflictdb import Area, EarthModel, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind as ObjectKind
-from conflictdb.stages.pieces.covers import pieces_of
 
 PACKAGES: Final = {"sedona": ["sedonadb", "pyarrow", "geoarrow-pyarrow", "numpy", "shapely"], "meos": ["pymeos"]}
 SECOND_US: Final = 1_000_000

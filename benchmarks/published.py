@@ -51,14 +51,14 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.published.stage3_projection import windows
+from conflictdb.core.run import run_stages
 from conflictdb.earth.geodesy import Earth, earth_of, rhumb_direct
 from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import METRES_PER_NMI, EarthModel
 from conflictdb.model.results import Kind
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.published.stage3_projection import windows
-from conflictdb.stages.run import run_stages
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
 
 def whole_legs() -> "patch._patch_dict":
     """Return a context in which every leg becomes a single piece."""
-    return patch.multiple("conflictdb.stages.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
+    return patch.multiple("conflictdb.core.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
 
 
 def hulls_s(answer: Conflicts, n: int) -> Floats:

@@ -26,9 +26,9 @@ from made_scenes import BOX, SEA
 from workloads import throw
 
 from conflictdb import Area, Proposal, Scene, Track, solve
-from conflictdb.clearing import resolve as clearing
-from conflictdb.clearing.greedy import greedy
-from conflictdb.clearing.program import Program
+from conflictdb.memory import resolve as clearing
+from conflictdb.memory.greedy import greedy
+from conflictdb.memory.program import Program
 
 Objects = tuple[Scene, list[Area], list[Track]]
 T0_US = 1_780_000_000_000_000

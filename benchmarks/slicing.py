@@ -3,7 +3,7 @@
     ./.venv/bin/python benchmarks/slicing.py [--areas 200] [--tracks 200]
 
 For each workload, and each longest leg that is not sliced (in haven lengths): times of the stages that slices affect,
-in one detection, medians over the runs. The numbers decide WHOLE_LEG_HAVENS in conflictdb/stages/pieces/cutting.py.
+in one detection, medians over the runs. The numbers decide WHOLE_LEG_HAVENS in conflictdb/core/pieces/cutting.py.
 *sparse* has some three candidates an object, the others a hundred.
 """
 
@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
+from conflictdb.core.pieces import cutting
 from conflictdb.formats import scene_text
-from conflictdb.stages.pieces import cutting
 
 WIDTHS = (14, 8, 8, 8, 8, 9, 7, 7, 7)
 LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e9)  # the last: one slice per leg

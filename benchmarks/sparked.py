@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from measured import Sampler
 
-from conflictdb.server.options import Settings
+from conflictdb.embedded.options import Settings
 from conflictdb.spark import engine
 
 if TYPE_CHECKING:

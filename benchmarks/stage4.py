@@ -30,16 +30,16 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.published.encounters import Encounters
+from conflictdb.core.published.nonlinear_program import extreme_contact
+from conflictdb.core.stage1_broad_phase import candidates
+from conflictdb.core.stage2_intersection import intersections
+from conflictdb.core.stage4.constants import PAIRS_AT_ONCE
+from conflictdb.core.stage4.contact_search import contacts
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel import Questions, Work
 from conflictdb.model.plans import EarthModel, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.published.encounters import Encounters
-from conflictdb.stages.published.nonlinear_program import extreme_contact
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.stage4.constants import PAIRS_AT_ONCE
-from conflictdb.stages.stage4.contact_search import contacts
 
 ROUNDS = 5
 TOLERANCES_M = (1, 10, 100, 1000)

@@ -32,13 +32,13 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.published.stage3_projection import windows
+from conflictdb.core.stage1_broad_phase import candidates
+from conflictdb.core.stage2_intersection import intersections
+from conflictdb.core.stage4.contact_search import contacts
 from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind as ObjectKind
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.published.stage3_projection import windows
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.stage4.contact_search import contacts
 
 METHODS: Final = (Method.EXACT, Method.NLP)
 # Pairs of each sort whose stage 4 is timed by itself; a program takes milliseconds.

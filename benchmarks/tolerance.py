@@ -20,9 +20,9 @@ from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.run import run_stages
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel
-from conflictdb.stages.run import run_stages
 
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR)
 TOLERANCES_M: Final = (0.0, 1.0, 10.0, 100.0, 1000.0)

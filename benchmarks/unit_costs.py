@@ -35,14 +35,14 @@ from stage4 import Load
 from tables import markdown, show
 
 import conflictdb
+from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
-from conflictdb.db import store
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage1_broad_phase import candidates, hulls_of
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
-from conflictdb.stages.stage2_intersection import intersections
 
 # As the routine of stage 1 does it: by the index, whatever the planner believes.
 _BY_INDEX: Final = """

@@ -33,16 +33,17 @@ from conflictdb.errors import (
 if TYPE_CHECKING:
     __version__: str
 
-    from conflictdb.advice.advise import Advice
-    from conflictdb.clearing.detours import detours
-    from conflictdb.clearing.resolve import resolve
-    from conflictdb.db import models as models
-    from conflictdb.db.detect import Run
-    from conflictdb.drawing.departures import plot_coordination, plot_delays
-    from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
+    from conflictdb.client.advise import Advice
+    from conflictdb.client.database import Database, connect
+    from conflictdb.client.loading import Loaded
+    from conflictdb.client.stored_scene import StoredScene
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, circle, read, write, write_scene_file
-    from conflictdb.in_memory.index import Index
-    from conflictdb.in_memory.questions import chances, delays, solve, speeds
+    from conflictdb.jobs import models as models
+    from conflictdb.jobs.detect import Run
+    from conflictdb.memory.detours import detours
+    from conflictdb.memory.index import Index
+    from conflictdb.memory.questions import chances, delays, solve, speeds
+    from conflictdb.memory.resolve import resolve
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.proposals import Detour, Goal, Left, Move, NewWaypoints, Passing, Proposal, Side
@@ -65,9 +66,8 @@ if TYPE_CHECKING:
         Verdict,
     )
     from conflictdb.model.rules import Rule
-    from conflictdb.session.database import Database, connect
-    from conflictdb.session.loading import Loaded
-    from conflictdb.session.stored_scene import StoredScene
+    from conflictdb.plot.departures import plot_coordination, plot_delays
+    from conflictdb.plot.figures import plot_pair, plot_scene, plot_timeline
 
 __all__ = [
     "Admission",
@@ -146,21 +146,21 @@ __all__ = [
 
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
-    **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
-    **dict.fromkeys(("Database", "connect"), "conflictdb.session.database"),
-    "Loaded": "conflictdb.session.loading",
-    "StoredScene": "conflictdb.session.stored_scene",
-    **dict.fromkeys(("Run",), "conflictdb.db.detect"),
-    **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
-    **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
+    **dict.fromkeys(("Advice",), "conflictdb.client.advise"),
+    **dict.fromkeys(("Database", "connect"), "conflictdb.client.database"),
+    "Loaded": "conflictdb.client.loading",
+    "StoredScene": "conflictdb.client.stored_scene",
+    **dict.fromkeys(("Run",), "conflictdb.jobs.detect"),
+    **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.plot.departures"),
+    **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.plot.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-    "detours": "conflictdb.clearing.detours",
-    "resolve": "conflictdb.clearing.resolve",
+    "detours": "conflictdb.memory.detours",
+    "resolve": "conflictdb.memory.resolve",
     **dict.fromkeys(
         ("Detour", "Goal", "Left", "Move", "NewWaypoints", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"
     ),
-    "Index": "conflictdb.in_memory.index",
-    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory.questions"),
+    "Index": "conflictdb.memory.index",
+    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.memory.questions"),
     **dict.fromkeys(
         ("Contents", "FileHints", "Remark", "Skipped", "circle", "read", "write", "write_scene_file"),
         "conflictdb.formats",
@@ -198,7 +198,7 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         value: Any = _version()
     elif name == "models":  # the classes of SQLAlchemy
-        value = import_module("conflictdb.db.models")
+        value = import_module("conflictdb.jobs.models")
     elif name in _HOME:
         value = getattr(import_module(_HOME[name]), name)
     else:

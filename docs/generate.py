@@ -5,10 +5,10 @@
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
-columns of the model `ConflictRow` in conflictdb/db/models.py. `paths.md` is made from `model.path_limits` and from the
-counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). A table in `files.md` is made from what
-each reader declares (`conflictdb.formats.standards`). `plans.md` and the models of areas and tracks are made from the
-table `model.plan_columns` (lists in sql/: docs/plan_sql.py). Tests say when a page is out of date
+columns of the model `ConflictRow` in conflictdb/jobs/models.py. `paths.md` is made from `model.path_limits` and from
+the counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). A table in `files.md` is made from
+what each reader declares (`conflictdb.formats.standards`). `plans.md` and the models of areas and tracks are made from
+the table `model.plan_columns` (lists in sql/: docs/plan_sql.py). Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 

@@ -17,8 +17,8 @@ import numpy as np
 import shapely
 
 from conflictdb import Conflict, EarthModel, Track, delays, plot_coordination, plot_delays, read, solve
-from conflictdb.drawing.figures import save
 from conflictdb.earth.geodesy import earth_of, rhumb_direct, rhumb_inverse
+from conflictdb.plot.figures import save
 
 PICTURE: Final = Path(__file__).resolve().parent / "strait.svg"
 PAIR: Final = PICTURE.with_name("pair.svg")

@@ -1,6 +1,6 @@
 """Alembic environment: structure from versions/, routines from sql/ at head, all in one transaction.
 
-`conflictdb.db.schema.upgrade` passes its connection in the config's attributes; the alembic command line passes
+`conflictdb.jobs.schema.upgrade` passes its connection in the config's attributes; the alembic command line passes
 `-x dsn=…`. Without a connection (`--sql`) the structure alone is written. The version table lives in the schema
 conflictdb, beside nobody else's.
 """
@@ -10,7 +10,7 @@ import sqlalchemy
 from alembic import context
 from alembic.runtime.migration import MigrationContext, MigrationInfo
 
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 
 def _after_step(*, ctx: MigrationContext, step: MigrationInfo, heads: set[str], run_args: object) -> None:

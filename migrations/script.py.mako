@@ -7,7 +7,7 @@ down_revision = ${repr(down_revision)}
 branch_labels = None
 depends_on = None
 
-# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+# SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
 routines_sha256 = ""
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.

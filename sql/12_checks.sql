@@ -1,4 +1,4 @@
--- Rules of single objects, identical to conflictdb.model.plans and conflictdb.stages.pieces.cutting. 13_validation.sql
+-- Rules of single objects, identical to conflictdb.model.plans and conflictdb.core.pieces.cutting. 13_validation.sql
 -- calls them.
 
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With

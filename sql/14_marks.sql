@@ -25,7 +25,7 @@ DECLARE
     c_lock CONSTANT bigint := 7165063221046263924;
 BEGIN
     -- PostgreSQL commits notifying transactions one at a time. So only one of several concurrent writers notifies;
-    -- workers find the other changes by polling (EVERY_S in conflictdb.db.worker).
+    -- workers find the other changes by polling (EVERY_S in conflictdb.jobs.worker).
     IF pg_try_advisory_xact_lock(c_lock) THEN
         PERFORM _notify('conflictdb_request', '');
     END IF;

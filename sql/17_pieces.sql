@@ -1,4 +1,4 @@
--- Updating pieces. Detection (conflictdb.db.store) reads marked objects, cuts them and COPYs the pieces in, all in one
+-- Updating pieces. Detection (conflictdb.store) reads marked objects, cuts them and COPYs the pieces in, all in one
 -- REPEATABLE READ transaction, so that marks and objects are consistent.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)

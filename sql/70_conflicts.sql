@@ -468,7 +468,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
 )
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- As _box_deg of conflictdb/db/store/admissions.py.
+    -- As _box_deg of conflictdb/store/admissions.py.
     v_wide double precision := ST_XMax(p_place) - ST_XMin(p_place);
     v_up double precision := 0.001 + degrees(0.5 * (1 / cosd(least(v_wide, 90) / 2) - 1)) + p_reach_m / 110000;
     v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;

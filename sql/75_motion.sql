@@ -325,4 +325,4 @@ END
 $$;
 COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text, double precision, geometry) IS
 'Raises ZC005 for a haven (outline in metres) that leaves the Mercator plane on its path, as check_plane of '
-'conflictdb.stages.pieces does.';
+'conflictdb.core.pieces does.';

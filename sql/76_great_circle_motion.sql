@@ -150,4 +150,4 @@ $$;
 COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision,
                                              double precision, geometry) IS
 'Raises ZC005 for a haven (outline in metres) that leaves the gnomonic plane on its path, as check_plane of '
-'conflictdb.stages.pieces does.';
+'conflictdb.core.pieces does.';

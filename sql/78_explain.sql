@@ -42,7 +42,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._to_micrometres(
 ) RETURNS double precision
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- As in conflictdb.stages.pieces.covers.
+    -- As in conflictdb.core.pieces.covers.
     SELECT CASE WHEN p_more_m = 0 OR NOT abs(p_height_m) < 1e9 THEN p_height_m + p_more_m
                 ELSE round((p_height_m + p_more_m)::numeric, 6)::double precision END;
 END;

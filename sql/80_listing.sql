@@ -1,4 +1,4 @@
--- Rows for Python (db/store/listing.py, attached.py, stored_objects.py).
+-- Rows for Python (store/listing.py, attached.py, stored_objects.py).
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._names(p_scene text, p_keys text[])
 RETURNS TABLE (key text, name text)

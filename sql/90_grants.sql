@@ -52,7 +52,7 @@ BEGIN
 END
 $$;
 
--- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.db.schema.missing_grants
+-- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.jobs.schema.missing_grants
 -- reports that. In an extension script the grant would make all grants on that schema part of the extension, which
 -- dumps omit; so there is only a warning.
 DO $$

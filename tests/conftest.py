@@ -16,7 +16,7 @@ from commands import Run, runner
 from databases import TestServer, clean_up, run_home, test_server
 from reused import ReusedDatabase
 
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 if TYPE_CHECKING:
     from spark_answers import Spark

@@ -103,7 +103,7 @@ def _database_error(error: Exception) -> ConflictDBError | None:
     """Convert an error of psycopg to one of this package; None for any other error."""
     if not type(error).__module__.startswith("psycopg"):
         return None
-    from conflictdb.db.store import translated  # imports psycopg, which takes long
+    from conflictdb.store import translated  # imports psycopg, which takes long
 
     try:
         with translated():

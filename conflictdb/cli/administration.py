@@ -6,16 +6,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
+from conflictdb import store
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text, remark_incomplete
 from conflictdb.cli.output import line, note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
-from conflictdb.db import schema, store
+from conflictdb.client.database import Database, connect
+from conflictdb.jobs import schema
 from conflictdb.model.plans import Scene
 from conflictdb.model.rules import rule_of
-from conflictdb.session.database import Database, connect
 
 # Rows listed: a screen full.
 _MOST_ROWS: Final = 20
@@ -37,7 +38,7 @@ def upgrade(args: argparse.Namespace) -> int:
 
 def extension(args: argparse.Namespace) -> int:
     """Write the files of conflictdb as an extension of a server."""
-    from conflictdb.db import extension as files
+    from conflictdb.jobs import extension as files
 
     for path in files.build(args.directory or files.install_directory(args.pg_config)):
         out(str(path))

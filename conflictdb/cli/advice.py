@@ -5,12 +5,12 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from conflictdb.advice.advise import Advice
-from conflictdb.advice.estimates import Count, Proportion, duration
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, print_json
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table, wrapped
+from conflictdb.client.advise import Advice
+from conflictdb.client.estimates import Count, Proportion, duration
 
 
 def advise(args: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
-from conflictdb.db.store import BranchDiff
+from conflictdb.store import BranchDiff
 
 
 def branch(args: argparse.Namespace) -> int:

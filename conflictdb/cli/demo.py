@@ -14,8 +14,8 @@ from conflictdb.cli.output import out, program
 from conflictdb.cli.pictures import show_map
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table, table, wrapped
-from conflictdb.db.detect import Run
-from conflictdb.session.database import DEMO_SCENE
+from conflictdb.client.database import DEMO_SCENE
+from conflictdb.jobs.detect import Run
 
 # Pairs that the scene was designed to show; mentioned only if the detection agrees.
 _FALSE_ALARM: Final = ("CONVOY-1", "CONVOY-2")

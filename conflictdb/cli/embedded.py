@@ -7,12 +7,11 @@ from typing import NoReturn
 
 from psycopg import conninfo
 
-from conflictdb import server as embedded
+from conflictdb import embedded, store
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark
-from conflictdb.db import store
+from conflictdb.client.database import connect
 from conflictdb.errors import SchemaError
-from conflictdb.session.database import connect
 
 
 def server(args: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
+from conflictdb.client.loading import Loaded
 from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats import Skipped
 from conflictdb.formats.conflict_gpx import position_of
@@ -21,11 +22,10 @@ from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
 from conflictdb.model.record import REMARKS, Column
 from conflictdb.model.results import Approach, Conflict, SceneState, labelled
-from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
-    from conflictdb.db.detect import Run
-    from conflictdb.db.store import SceneStatus
+    from conflictdb.jobs.detect import Run
+    from conflictdb.store import SceneStatus
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,16 +20,16 @@ from conflictdb.cli.output import note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table
+from conflictdb.client.database import DEMO_SCENE
+from conflictdb.embedded.options import Settings
 from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.formats.contents import without_objects
 from conflictdb.formats.reading import read
-from conflictdb.in_memory.questions import solve
+from conflictdb.memory.questions import solve
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.model.settings import NUMBERS, given
 from conflictdb.model.speed_limits import MAX_SPEED_KN
-from conflictdb.server.options import Settings
-from conflictdb.session.database import DEMO_SCENE
 from conflictdb.spark import engine
 
 if TYPE_CHECKING:

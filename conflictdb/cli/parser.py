@@ -25,9 +25,9 @@ from conflictdb.cli.values import (
     speed_kn,
     zone,
 )
+from conflictdb.core.memory import MEMORY_MB
 from conflictdb.model.methods import Method
 from conflictdb.model.settings import Setting, SettingType
-from conflictdb.stages.memory import MEMORY_MB
 
 APPROACH_FORMATS: Final = ("table", "json", "csv", "geojson")
 FORMATS: Final = (*APPROACH_FORMATS, "gpx", "ics")

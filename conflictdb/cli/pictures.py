@@ -7,19 +7,19 @@ import threading
 import webbrowser
 from contextlib import suppress
 
+from conflictdb import store
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import remark_incomplete, require_current
 from conflictdb.cli.output import note, out
 from conflictdb.cli.session import connections, database, usual_scene, wait
-from conflictdb.db import store
+from conflictdb.client.database import DEMO_SCENE, Database
+from conflictdb.client.stored_scene import StoredScene
 from conflictdb.errors import ConflictDBError
-from conflictdb.session.database import DEMO_SCENE, Database
-from conflictdb.session.stored_scene import StoredScene
 
 
 def plot(args: argparse.Namespace) -> int:
     """Draw a scene, two of its objects, or departures."""
-    from conflictdb.drawing import figures
+    from conflictdb.plot import figures
 
     figures.check_name(args.file)
     with database(args) as db:

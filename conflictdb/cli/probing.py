@@ -30,7 +30,7 @@ from conflictdb.model.results import Conflict, SceneState, Verdict
 if TYPE_CHECKING:
     import shapely
 
-    from conflictdb.session.stored_scene import StoredScene
+    from conflictdb.client.stored_scene import StoredScene
 
 _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
+from conflictdb import store
 from conflictdb.cli.last_scene import recall, remember
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
-from conflictdb.db import store
+from conflictdb.client.database import Database, connect
+from conflictdb.client.loading import Loaded
+from conflictdb.embedded import EmbeddedServer, embedded
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
 from conflictdb.formats.hints import MAX_GAP_S, FileHints
 from conflictdb.formats.instants import OFFSET_RULE
-from conflictdb.server import EmbeddedServer, embedded
-from conflictdb.session.database import Database, connect
-from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
     from psycopg import Connection

@@ -8,8 +8,8 @@ from sys import float_info
 from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
+from conflictdb.core.memory import LEAST_MEMORY_MB
 from conflictdb.model.methods import REMOVED
-from conflictdb.stages.memory import LEAST_MEMORY_MB
 
 # What a table of conflicts shows on request.
 MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")

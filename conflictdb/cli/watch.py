@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.errors import ConflictDBError
 
 if TYPE_CHECKING:
-    from conflictdb.db.detect import Run
-    from conflictdb.db.worker import Report, WorkerState
+    from conflictdb.jobs.detect import Run
+    from conflictdb.jobs.worker import Report, WorkerState
 
 # A worker is stuck if it is this much late in looking for changes, and not detecting.
 _STUCK_S: Final = 60.0

@@ -7,19 +7,19 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from conflictdb import store
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.load_report import run_text, scene_table
 from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
-from conflictdb.db import store
+from conflictdb.client.database import Status
 from conflictdb.formats.json_text import dumped
 from conflictdb.model.results import format_moment
-from conflictdb.session.database import Status
 
 if TYPE_CHECKING:
-    from conflictdb.db.detect import Run
+    from conflictdb.jobs.detect import Run
 
 
 def work(args: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def work(args: argparse.Namespace) -> int:
     other = "--every" if args.every is not None else "--http" if args.http is not None else None
     check(args, [(args.once and other is not None, f"--once and {other} exclude each other")])
     # Imported here: it loads the solvers, which are slow to import.
-    from conflictdb.db.worker import EVERY_S, Worker
+    from conflictdb.jobs.worker import EVERY_S, Worker
 
     log = _Log(args.log == "json")
     with database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:

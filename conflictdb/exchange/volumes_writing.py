@@ -15,6 +15,8 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core.pieces.cutting import planar, track_pieces
+from conflictdb.core.world import World
 from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, shorter_way_deg
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
@@ -27,8 +29,6 @@ from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.model.plan_columns import Form
 from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
 from conflictdb.model.tolerances import PER_LEG
-from conflictdb.stages.pieces.cutting import planar, track_pieces
-from conflictdb.stages.world import World
 
 Floats = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
-from conflictdb.db import store
-from conflictdb.drawing import land
+from conflictdb import store
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 from conflictdb.map import content, editing, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.views import SceneView, SceneViews
+from conflictdb.plot import land
 
 Connection = psycopg.Connection[Any]
 Connect = Callable[[], Connection]

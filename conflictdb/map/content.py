@@ -15,13 +15,13 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.db import store
+from conflictdb import store
+from conflictdb.core.depths import depths as depths_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import lines_of
 from conflictdb.model.results import Conflict
 from conflictdb.model.settings import SETTINGS, SettingType
-from conflictdb.stages.depths import depths as depths_of
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.

@@ -7,19 +7,20 @@ from typing import Any
 import numpy as np
 import psycopg
 
-from conflictdb.db import probes, store
-from conflictdb.db.detect import detect
-from conflictdb.db.track_delays import read_around
+from conflictdb import store
+from conflictdb.client import loading
+from conflictdb.core.conflicts_between import conflicts_between
+from conflictdb.core.members import Members
+from conflictdb.core.world import Reach, World
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
+from conflictdb.jobs import probes
+from conflictdb.jobs.detect import detect
+from conflictdb.jobs.track_delays import read_around
 from conflictdb.map.content import to_json
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
-from conflictdb.session import loading
-from conflictdb.stages.conflicts_between import conflicts_between
-from conflictdb.stages.members import Members
-from conflictdb.stages.world import Reach, World
 
 
 @dataclass(frozen=True, slots=True)

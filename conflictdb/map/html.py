@@ -13,11 +13,11 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db import store
-from conflictdb.drawing import land
+from conflictdb import store
 from conflictdb.errors import InvalidInput
 from conflictdb.map import content, what_if
 from conflictdb.map.content import to_json
+from conflictdb.plot import land
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
 # Pairs with explanations: one query each, some seconds in all.

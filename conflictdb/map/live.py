@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import psycopg
 
-from conflictdb.db import store
+from conflictdb import store
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 
 _log = logging.getLogger(__name__)

@@ -13,19 +13,19 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.db.track_delays import read_departing
+from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.pieces.covers import COVER
+from conflictdb.core.separations import Separations
+from conflictdb.core.world import Reach
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.in_memory.questions import numbered
+from conflictdb.jobs.track_delays import read_departing
 from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
+from conflictdb.memory.questions import numbered
 from conflictdb.model.methods import METHODS, Solver
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.tolerances import windows_later
-from conflictdb.stages.object_pairs import object_numbers
-from conflictdb.stages.pieces.covers import COVER
-from conflictdb.stages.separations import Separations
-from conflictdb.stages.world import Reach
 
 _LENGTH: Final = struct.Struct("<I")
 # Arrays begin at multiples of this, as typed arrays must.

@@ -10,8 +10,8 @@ frames, requests, attached tables, branches, digests and the reference loop over
 - model/plans.py: a field of `Area` or `Track`, for type checkers (without it the class has the field too)
 
 A column of a plain form (TEXT, WORD, NUMBER, DOCUMENT) needs no more. One of the form OWN needs a codec of its own in
-arrays/arrow/object_rows.py, formats/file_objects.py, db/store/stored_objects.py and docs/plan_sql.py, and a digest in
-stages/pieces/digests.py; so does a DOCUMENT that changes answers.
+arrays/arrow/object_rows.py, formats/file_objects.py, store/stored_objects.py and docs/plan_sql.py, and a digest in
+core/pieces/digests.py; so does a DOCUMENT that changes answers.
 """
 
 import json

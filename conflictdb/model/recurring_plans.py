@@ -1,6 +1,6 @@
 """Expand schedules of areas and tracks to activations, as far as a horizon; `Schedule` expands one.
 
-In memory: stages/world.py. In a database: db/expansion.py, with `area_spans` and `track_departures`.
+In memory: core/world.py. In a database: jobs/expansion.py, with `area_spans` and `track_departures`.
 """
 
 from collections.abc import Iterable, Sequence

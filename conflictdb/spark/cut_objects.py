@@ -19,6 +19,10 @@ from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
+from conflictdb.core.pieces.bundling import bundles_of
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.digests import area_digests, track_digests
+from conflictdb.core.world import World, touched
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
@@ -26,10 +30,6 @@ from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model.plans import Area, Scene, Track, has_unknown_times, is_idle
 from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Kind
-from conflictdb.stages.pieces.bundling import bundles_of
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.digests import area_digests, track_digests
-from conflictdb.stages.world import World, touched
 
 # Bytes of objects cut at a time: their pieces take about ten times as much.
 _AT_ONCE: Final = 4_000_000

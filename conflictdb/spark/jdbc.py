@@ -18,9 +18,9 @@ from pyspark.sql import DataFrame, SparkSession
 from pyspark.sql.pandas.types import from_arrow_schema
 from pyspark.storagelevel import StorageLevel
 
+from conflictdb import store
 from conflictdb.arrays.arrow.columns import numbers
 from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects
-from conflictdb.db import store
 from conflictdb.errors import StoreError
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind

@@ -21,6 +21,8 @@ from pyspark.sql.types import BinaryType
 from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.object_rows import OBJECTS
+from conflictdb.core.memory import MEMORY_MB, Memory
+from conflictdb.core.world import horizon, hull
 from conflictdb.earth.registry import middle_deg, summed_directions
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
 from conflictdb.model.plans import Motion, Scene
@@ -30,8 +32,6 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.spark import cut_objects, joining, solving
 from conflictdb.spark.engine import with_sedona
 from conflictdb.spark.work_units import blocks_for
-from conflictdb.stages.memory import MEMORY_MB, Memory
-from conflictdb.stages.world import horizon, hull
 
 # Partitions per processor of the cluster: several, so that the last to end are short.
 _PER_PROCESSOR: Final = 4

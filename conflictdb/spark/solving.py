@@ -26,6 +26,9 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
 from conflictdb.arrays.pieces import Bundles, PieceRows
 from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.core.near import Chunk, Question
+from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
@@ -33,9 +36,6 @@ from conflictdb.model.plans import Scene
 from conflictdb.spark.cut_objects import NO_NUMBER, read_plan
 from conflictdb.spark.cut_objects import SCHEMA as PIECES
 from conflictdb.spark.work_units import Cells, two_blocks
-from conflictdb.stages.near import Chunk, Question
-from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.stages.run import run_scene
 
 # Limit on the bytes of rows built at a time, and on the pairs of rows found at a time.
 _MOST_BYTES: Final = 128_000_000

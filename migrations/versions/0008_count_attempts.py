@@ -7,8 +7,8 @@ down_revision = "0007"
 branch_labels = None
 depends_on = None
 
-# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "72a0493d4a182ada8e72a0886672a673ababd3b6a10c4644cde03373b6e7784f"
+# SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "9a480350f3eda9c85fdd978186ce56e18ab40a532ca30556c7a3a5480e3cabad"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -32,10 +32,10 @@ import psycopg
 from hostile_objects import Hostile, put, scene_file, throw
 
 import conflictdb
-from conflictdb.db.store import set_scene
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Method, Motion, Scene
 from conflictdb.model.results import Conflict, Verdict
+from conflictdb.store import set_scene
 
 PER_SCENE: Final = 24
 TOLERANCES_M: Final = (0.0, 1e-9, 1.0, 1.0, 1.0, 1000.0)
@@ -249,7 +249,7 @@ def database() -> Iterator[str]:
     """A database with the schema on an embedded server, for the time of a run."""
     from databases import clean_up, test_server
 
-    from conflictdb.db import schema
+    from conflictdb.jobs import schema
 
     run = f"fuzz{os.getpid()}"
     try:

@@ -42,13 +42,13 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "earth.mercator", "earth.gnomonic",
-    "earth.plane", "stages.published.encounters", "earth.rhumb_distance", "stages.pieces.cutting",
-    "stages.pieces.convex_parts", "model.outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
-    "arrays.answers", "stages.run", "stages.merge", "stages.whole_areas",
-    "stages.closest_approaches", "stages.object_pairs", "stages.published.stage3_projection",
-    "stages.stage4.contact_search",
-    "stages.stage4.closest_approach", "stages.published.linear_program", "stages.published.nonlinear_program",
-    "advice.estimates",
+    "earth.plane", "core.published.encounters", "earth.rhumb_distance", "core.pieces.cutting",
+    "core.pieces.convex_parts", "model.outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
+    "arrays.answers", "core.run", "core.merge", "core.whole_areas",
+    "core.closest_approaches", "core.object_pairs", "core.published.stage3_projection",
+    "core.stage4.contact_search",
+    "core.stage4.closest_approach", "core.published.linear_program", "core.published.nonlinear_program",
+    "client.estimates",
 )
 # fmt: on
 TESTS: Final = ("tests/unit", "tests/contract", "tests/acceptance")

@@ -13,7 +13,7 @@ from databases import client_programs
 from patience import WAIT_S, until
 
 from conflictdb import connect
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 STRANGERS = """
 CREATE EXTENSION postgis;

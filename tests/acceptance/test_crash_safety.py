@@ -21,9 +21,8 @@ from patience import WAIT_S, killed_after
 from verdicts import Pair, Reported, by_pair, solved
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import delays
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import delays, store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict
 
@@ -33,8 +32,8 @@ WITHIN_S = 7200.0
 # Detects, reports its progress on standard output, then waits to be killed at the given place.
 VICTIM = """
 import os, sys, time
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 
 def stop(where):
     os.write(1, f"{where}\\n".encode())  # in one piece: another thread tells of its place, too

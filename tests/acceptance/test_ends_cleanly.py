@@ -20,8 +20,8 @@ import pytest
 import shapely
 from patience import WAIT_S, until
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Method, Scene, Track
 
 # Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. The detections stopped here would last for a

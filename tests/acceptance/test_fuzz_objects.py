@@ -8,7 +8,7 @@ import pytest
 from fuzz_objects import Tally, examine, fuzz
 from hostile_objects import Hostile
 
-import conflictdb.db.detect
+import conflictdb.jobs.detect
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Motion, Scene
 
@@ -77,12 +77,12 @@ def test_ten_thousand_hostile_objects_stop_nothing(dsn: str, tmp_path: Path) -> 
 
 def test_the_fuzzing_finds_a_planted_bug(dsn: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A detection that loses the tracks of a scene, and a detection that fails."""
-    pieces_of = conflictdb.db.detect.pieces_of
+    pieces_of = conflictdb.jobs.detect.pieces_of
 
     def without_tracks(setup: Setup, areas: Any, tracks: Any) -> Any:
         return pieces_of(setup, areas, tracks.take(NOTHING))
 
-    monkeypatch.setattr(conflictdb.db.detect, "pieces_of", without_tracks)
+    monkeypatch.setattr(conflictdb.jobs.detect, "pieces_of", without_tracks)
     assert any("no row with the witness" in one or "known conflict" in one for one in fuzz(dsn, 3, 24, tmp_path).wrong)
-    monkeypatch.setattr(conflictdb.db.detect, "pieces_of", None)
+    monkeypatch.setattr(conflictdb.jobs.detect, "pieces_of", None)
     assert any("detection failed" in one for one in fuzz(dsn, 3, 4, tmp_path).wrong)

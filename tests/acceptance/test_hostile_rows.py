@@ -23,7 +23,7 @@ from patience import WAIT_S
 from psycopg import sql
 
 import conflictdb
-from conflictdb.db import store
+from conflictdb import store
 
 SECONDS: Final = float(os.environ.get("CONFLICTDB_HOSTILE_S", "4"))
 LEAST_TRIED: Final = 400

@@ -9,8 +9,8 @@ import pytest
 import shapely
 from workloads import EQUATOR, OCEAN, SEAM, throw
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
 
 EDITS = 6

@@ -6,9 +6,9 @@ import sys
 import shapely
 from psycopg import Connection
 
-from conflictdb.db import store
+from conflictdb import store
+from conflictdb.core.memory import LEAST_MEMORY_MB, Memory
 from conflictdb.model.plans import Area, Scene
-from conflictdb.stages.memory import LEAST_MEMORY_MB, Memory
 
 AREAS = 700  # 244,650 pairs, all meet: several chunks at the least memory, hundreds of megabytes at once
 # From its own status: ru_maxrss includes the size of the process before it executed this program, that of the test run.

@@ -17,12 +17,12 @@ from staged import Staged
 from verdicts import Pair, Period, Reported, by_pair, compared, microseconds, solved
 from workloads import WORKLOADS, throw
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.core.published.stage3_projection import windows
+from conflictdb.jobs.detect import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages.published.stage3_projection import windows
 
 OBJECTS = 8  # areas, and as many tracks, per scene
 WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch

@@ -14,11 +14,11 @@ from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATIT
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.core import conflict_regions
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.regions import joined
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.stages import conflict_regions
 
 # Metres: coordinates are rounded by less, also those of the oracle.
 ROUNDED_M = 1e-2

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 from staged import Staged
 
+from conflictdb.core import conflict_regions, shared_areas
+from conflictdb.core.pieces.cutting import planar
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Motion, Scene
-from conflictdb.stages import conflict_regions, shared_areas
-from conflictdb.stages.pieces.cutting import planar
 
 # Plane metres, at the largest scale of these tests: coordinates and sides are rounded by less.
 ROUNDED_M = 0.2

@@ -12,9 +12,8 @@ import shapely
 from verdicts import periods_us
 from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import solve
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import solve, store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Scene
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -28,9 +28,9 @@ from psycopg.conninfo import make_conninfo
 from verdicts import by_pair, solved
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
 from conflictdb.errors import ConflictDBError
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 
 WORKERS = 2

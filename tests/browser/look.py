@@ -18,8 +18,7 @@ import shapely
 from playwright.sync_api import Page, sync_playwright
 
 import conflictdb
-from conflictdb import Area, Database, Scene, Track
-from conflictdb.db import store
+from conflictdb import Area, Database, Scene, Track, store
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
 from browsing import ARGUMENTS, chromium

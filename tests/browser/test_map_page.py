@@ -21,7 +21,7 @@ from piecework import load
 from playwright.sync_api import Browser, Page, Route, expect
 
 import conflictdb
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 AXE = Path(__file__).parent / "axe-core-4.14.1.min.js.gz"

@@ -16,8 +16,8 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 import conflictdb
-from conflictdb.db.detect import detect
 from conflictdb.errors import printable
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]

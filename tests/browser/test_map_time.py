@@ -12,7 +12,7 @@ from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]

@@ -11,7 +11,7 @@ from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene
 
 Conn = psycopg.Connection[Any]

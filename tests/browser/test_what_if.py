@@ -16,7 +16,7 @@ from playwright.sync_api import Page, Route, expect
 from workloads import HARBOUR, throw
 
 import conflictdb
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Scene, Track, rectangle_outline_m
 
 AXE = Path(__file__).parent / "axe-core-4.14.1.min.js.gz"

@@ -22,13 +22,13 @@ from scenes import FLATTENING, RADIUS_M, T0_US
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import check_plane, track_pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Bounds, Movement
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import check_plane, track_pieces
 
 Floats = np.ndarray
 Place = tuple[float, float]

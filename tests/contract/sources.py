@@ -13,17 +13,17 @@ from typing import Any, Final, Self
 import piecework
 import psycopg
 
+from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import store
-from conflictdb.db.sources import FewStored, Stored
+from conflictdb.core import near
+from conflictdb.core.memory import DEFAULT_MEMORY, Memory
+from conflictdb.core.near import Chunk, PairSource, Question
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup, centred
+from conflictdb.jobs.sources import FewStored, Stored
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.stages import near
-from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
-from conflictdb.stages.near import Chunk, PairSource, Question
-from conflictdb.stages.pieces.covers import pieces_of
 
 
 class InMemory(near.Memory):

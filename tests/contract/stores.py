@@ -12,8 +12,8 @@ from typing import Any, Final, Protocol
 import piecework
 import psycopg
 
+from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.db import store
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Kind, Verdict
 

@@ -16,10 +16,10 @@ import pytest
 import shapely
 
 from conflictdb.arrays.words import numbers_of_words
+from conflictdb.core.separations import NEVER, Separations
 from conflictdb.kernel.boxes import RowBoxes, may_meet
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.rules import Rule
-from conflictdb.stages.separations import NEVER, Separations
 
 Conn = psycopg.Connection[Any]
 

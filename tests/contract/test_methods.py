@@ -13,12 +13,12 @@ from verdicts import periods_us
 from conflictdb import solve
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.cli import main
+from conflictdb.core import run
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages import run
-from conflictdb.stages.stage2_intersection import intersections
 
 # Periods are whole microseconds, rounded outward; instants known by hand are rounded too.
 ROUNDING_S: Final = 3e-6

@@ -12,9 +12,9 @@ from page_in_node import run_page
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, OCEAN, SEAM, Workload, throw
 
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Scene, Track
-from conflictdb.stages.pieces.cutting import track_pieces
 
 # Reads [scene, track, instants] of each track, and prints rings, reference points, and headings of legs.
 DRIVER: Final = """

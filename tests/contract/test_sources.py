@@ -14,12 +14,12 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_scene
+from conflictdb.core.stage1_broad_phase import hulls_of
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_scene
-from conflictdb.stages.stage1_broad_phase import hulls_of
-from conflictdb.stages.stage2_intersection import intersections
 
 # Hulls are padded by more than a metre: a smaller overlap or gap decides no contact, plane metres.
 ROUNDING_M: Final = 1e-3

@@ -14,18 +14,18 @@ from piecework import load, refresh
 from sources import few_changes
 from workloads import WORKLOADS, throw
 
+from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import store
-from conflictdb.db.detect import detect
-from conflictdb.db.sources import MOST_COMPARED, PlanBeside
+from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.near import Chunk, Question
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup
 from conflictdb.formats.scene_file import read_scene
+from conflictdb.jobs.detect import detect
+from conflictdb.jobs.sources import MOST_COMPARED, PlanBeside
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.near import Chunk, Question
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
 Objects = tuple[Scene, Sequence[Area], Sequence[Track]]

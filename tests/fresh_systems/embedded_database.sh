@@ -15,7 +15,7 @@ use_database='
 import sys, time
 from pathlib import Path
 import psycopg
-from conflictdb import server
+from conflictdb import embedded as server
 from conflictdb.errors import ServerError
 began = time.monotonic()
 try:

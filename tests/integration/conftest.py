@@ -6,8 +6,7 @@ import pytest
 from city import CITY, worker_connected
 from map_page import Client, served_page
 
-from conflictdb import Database, StoredScene, connect
-from conflictdb.db import store
+from conflictdb import Database, StoredScene, connect, store
 
 
 @pytest.fixture

@@ -28,9 +28,10 @@ from conflictdb import (
     Track,
     connect,
     solve,
+    store,
 )
-from conflictdb.db import probes, store
 from conflictdb.earth.registry import Setup
+from conflictdb.jobs import probes
 
 
 def test_what_meets_nobody_is_put(city: StoredScene) -> None:
@@ -173,7 +174,7 @@ def test_separation_rules_apply(
 
 def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monkeypatch: pytest.MonkeyPatch) -> None:
     """During its time and at its heights it is unresolved; requests for other times are answered."""
-    from conflictdb.stages.pieces import covers
+    from conflictdb.core.pieces import covers
 
     city.put(square("bad", 0.0))
     cut = covers.area_pieces

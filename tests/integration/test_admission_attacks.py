@@ -11,8 +11,8 @@ from city import as_feature, as_plan, asked, flight, keys, square
 from patience import answer_all
 from psycopg import sql
 
-from conflictdb import Database, StoredScene
-from conflictdb.db import probes, store
+from conflictdb import Database, StoredScene, store
+from conflictdb.jobs import probes
 
 Conn = psycopg.Connection[Any]
 

@@ -26,8 +26,8 @@ from city import (
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import Area, Database, InvalidInput, StoredScene, Track
-from conflictdb.db import probes, store
+from conflictdb import Area, Database, InvalidInput, StoredScene, Track, store
+from conflictdb.jobs import probes
 
 
 def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:

@@ -13,8 +13,9 @@ from made_scenes import sea
 from workloads import LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
-from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track
-from conflictdb.advice.advise import (
+from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track, store
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.client.advise import (
     DATABASE_PER_PIECE,
     FIXED_S,
     REGION_PER_CONFLICT,
@@ -26,11 +27,9 @@ from conflictdb.advice.advise import (
     Estimate,
     advise,
 )
-from conflictdb.advice.estimates import Trial
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import store
+from conflictdb.client.estimates import Trial
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.pieces.covers import pieces_of
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
 HOUR_US = 3_600_000_000

@@ -9,9 +9,9 @@ import pytest
 from psycopg import sql
 from psycopg.types.json import Jsonb
 
-from conflictdb import connect
-from conflictdb.db import detect, follow_attached, store
+from conflictdb import connect, store
 from conflictdb.errors import InvalidInput, StoreError
+from conflictdb.jobs import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 

@@ -11,10 +11,9 @@ import psycopg
 import pytest
 from patience import WAIT_S
 
-from conflictdb import connect
-from conflictdb.db import store
+from conflictdb import connect, store
+from conflictdb.client.database import Database
 from conflictdb.errors import InvalidInput
-from conflictdb.session.database import Database
 
 OPS = """
 CREATE SCHEMA mission;

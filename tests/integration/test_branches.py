@@ -15,13 +15,12 @@ from psycopg import sql
 from tiles import decode
 from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 
-from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangle_outline_m, solve
+from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangle_outline_m, solve, store
 from conflictdb.cli.codes import DONE
-from conflictdb.db import store
-from conflictdb.db.track_delays import read_departing
+from conflictdb.client.database import Database
+from conflictdb.client.stored_scene import StoredScene
+from conflictdb.jobs.track_delays import read_departing
 from conflictdb.model.results import Certainty, Kind
-from conflictdb.session.database import Database
-from conflictdb.session.stored_scene import StoredScene
 
 WORKLOAD = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
 

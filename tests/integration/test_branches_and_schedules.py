@@ -9,10 +9,10 @@ import pytest
 import shapely
 
 import conflictdb
-from conflictdb.db import store
+from conflictdb import store
+from conflictdb.client.database import Database
+from conflictdb.client.stored_scene import StoredScene
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.session.database import Database
-from conflictdb.session.stored_scene import StoredScene
 
 HOUR_US = 3_600_000_000
 DAY_US = 24 * HOUR_US

@@ -6,9 +6,9 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb import Area, Scene, connect
-from conflictdb.db import detect, store
+from conflictdb import Area, Scene, connect, store
 from conflictdb.errors import ConflictDBError
+from conflictdb.jobs import detect
 
 Conn = psycopg.Connection[Any]
 

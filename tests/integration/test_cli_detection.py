@@ -15,7 +15,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
-from conflictdb.stages.memory import Memory
+from conflictdb.core.memory import Memory
 
 EXPECTED = {
     ("CABLE", "SUB-1"),

@@ -15,8 +15,8 @@ from patience import WAIT_S
 
 import conflictdb
 from conflictdb.cli import main
-from conflictdb.db import schema
 from conflictdb.errors import SchemaTooNew
+from conflictdb.jobs import schema
 
 
 def program(*words: str, **environ: str) -> "subprocess.CompletedProcess[str]":
@@ -131,8 +131,8 @@ def test_psql_opens_the_database_and_gets_all_arguments(dsn: str, tmp_path: Path
 def test_without_psql_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr("conflictdb.server.discovery.PLACES", ())
-    monkeypatch.setattr("conflictdb.server.packages.unpacked_trees", lambda cache: [])
+    monkeypatch.setattr("conflictdb.embedded.discovery.PLACES", ())
+    monkeypatch.setattr("conflictdb.embedded.packages.unpacked_trees", lambda cache: [])
     assert main(["--dsn", "dbname=plans", "psql"]) == 1
     assert "sudo apt-get install postgresql-client" in capsys.readouterr().err
 
@@ -149,8 +149,8 @@ def test_psql_opens_a_database_whose_schema_this_program_does_not_know(
     running = SimpleNamespace(dsn=dsn, stay_through_exec=lambda: None)
     found = object()
     monkeypatch.setattr("conflictdb.cli.embedded.connect", refused)
-    monkeypatch.setattr("conflictdb.server.embedded", lambda **_: running)
-    monkeypatch.setattr("conflictdb.server.find_psql", lambda _: found)
+    monkeypatch.setattr("conflictdb.embedded.embedded", lambda **_: running)
+    monkeypatch.setattr("conflictdb.embedded.find_psql", lambda _: found)
     monkeypatch.setattr("conflictdb.cli.embedded._exec_psql", lambda *arguments: opened.append(arguments))
     monkeypatch.delenv("CONFLICTDB_DSN", raising=False)
     main(["psql", "-l"])
@@ -162,7 +162,7 @@ def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pyte
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr("conflictdb.session.database.Database.status", broken)
+    monkeypatch.setattr("conflictdb.client.database.Database.status", broken)
     done = run("status")
     assert (done.code, done.err.count("\n")) == (1, 1)
     assert "ZeroDivisionError" in done.err

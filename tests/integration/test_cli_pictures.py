@@ -11,8 +11,8 @@ from commands import STRAIT, Run, runner
 from matplotlib.text import Text
 
 import conflictdb
-from conflictdb.db import store
-from conflictdb.db.store import listing
+from conflictdb import store
+from conflictdb.store import listing
 
 
 @pytest.fixture

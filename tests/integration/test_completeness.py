@@ -15,7 +15,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
-from conflictdb.db import store
+from conflictdb import store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 
 FORMATS = ("table", "json", "csv", "geojson")

@@ -10,7 +10,7 @@ import psycopg
 import pytest
 from psycopg import conninfo
 
-from conflictdb.server import find_psql
+from conflictdb.embedded import find_psql
 
 COMPOSE = Path(__file__).resolve().parents[2] / "deploy" / "compose.yaml"
 Conn = psycopg.Connection[Any]

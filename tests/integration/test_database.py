@@ -21,10 +21,10 @@ from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
-from conflictdb.db.store import LoadCounts, replace_scene
-from conflictdb.db.store.listing import decode_periods
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.model.results import Verdict
+from conflictdb.store import LoadCounts, replace_scene
+from conflictdb.store.listing import decode_periods
 
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
@@ -227,7 +227,7 @@ def test_conflicts_can_be_read_as_they_are_asked_for(dsn: str, tmp_path: Path) -
         db.load(STRAIT)
         db.scene("strait").detect(nearest_m=5_000.0)
         listed = db.scene("strait").conflicts(with_region=True)
-        with patch("conflictdb.db.store.connection._ROWS_AT_ONCE", 2):
+        with patch("conflictdb.store.connection._ROWS_AT_ONCE", 2):
             assert list(db.scene("strait").stream_conflicts(with_region=True)) == listed
             stream = db.scene("strait").stream_conflicts(with_region=True)
             assert (stream.is_current, next(stream)) == (True, listed[0])

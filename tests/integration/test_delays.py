@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import InvalidInput, Scene, Track, connect, delays, speeds
-from conflictdb.db import store
+from conflictdb import InvalidInput, Scene, Track, connect, delays, speeds, store
 from conflictdb.model.rules import Rule
 
 

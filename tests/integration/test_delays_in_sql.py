@@ -10,8 +10,8 @@ from psycopg import conninfo, sql
 from scenes import T0_US, area, track
 from shapely import box
 
-from conflictdb import connect
-from conflictdb.db import probes, store
+from conflictdb import connect, store
+from conflictdb.jobs import probes
 from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]

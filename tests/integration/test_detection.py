@@ -6,14 +6,13 @@ import pytest
 import shapely
 from scenes import T0_US
 
-from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
+from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve, store
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb.core.pieces import covers
+from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.pieces import covers
-from conflictdb.stages.pieces.cutting import track_pieces
+from conflictdb.jobs.detect import detect
 
 
 def spiked_area() -> Area:

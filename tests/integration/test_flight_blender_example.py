@@ -16,8 +16,7 @@ from typing import Any
 
 import pytest
 
-from conflictdb import Area, InvalidInput, connect
-from conflictdb.db import store
+from conflictdb import Area, InvalidInput, connect, store
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "flight_blender"
 BEGIN = datetime(2030, 6, 1, 6, tzinfo=UTC)

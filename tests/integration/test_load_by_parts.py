@@ -16,9 +16,8 @@ import pytest
 import shapely
 from commands import Outcome, Run
 
-from conflictdb import connect, formats
+from conflictdb import connect, formats, store
 from conflictdb.arrays.arrow.object_rows import of_objects
-from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import parquet_child
 from conflictdb.formats.parquet_writing import write_objects

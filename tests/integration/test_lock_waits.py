@@ -8,12 +8,12 @@ import psycopg
 import pytest
 from commands import runner
 
-from conflictdb import connect
+from conflictdb import connect, store
 from conflictdb.cli.codes import FAILED
-from conflictdb.db import detect, store
-from conflictdb.db.store import connection, locking
-from conflictdb.db.worker import Worker
 from conflictdb.errors import LockTimeout
+from conflictdb.jobs import detect
+from conflictdb.jobs.worker import Worker
+from conflictdb.store import connection, locking
 
 Conn = psycopg.Connection[Any]
 

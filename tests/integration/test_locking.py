@@ -15,14 +15,15 @@ from psycopg.pq import TransactionStatus
 from scenes import T0_US
 from verdicts import Pair, Reported, by_pair, solved
 
+from conflictdb import store
 from conflictdb.cli.codes import FAILED
-from conflictdb.db import detect, store
-from conflictdb.db.store import connection, few, locking
+from conflictdb.core.pieces.cutting import area_pieces
+from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import LockTimeout, StoreError
+from conflictdb.jobs import detect
 from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import area_pieces
-from conflictdb.stages.run import run_scene
+from conflictdb.store import connection, few, locking
 
 Conn = psycopg.Connection[Any]
 

@@ -11,11 +11,12 @@ import shapely
 from commands import runner
 from piecework import load
 
+from conflictdb import store
 from conflictdb.cli import detecting, termination
-from conflictdb.db import detect, store
-from conflictdb.db.store import locking
 from conflictdb.errors import InvalidInput, StoreError
+from conflictdb.jobs import detect
 from conflictdb.model.plans import Area, Scene
+from conflictdb.store import locking
 
 LOST = "conflictdb: the connection to the database is lost"
 

@@ -33,9 +33,8 @@ from piecework import load
 from tiles import decode
 
 import conflictdb
+from conflictdb import store
 from conflictdb.cli import pictures
-from conflictdb.db import store
-from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError
 from conflictdb.map import serve
 from conflictdb.map.guard import local_hosts
@@ -43,6 +42,7 @@ from conflictdb.map.live import CONFLICTS, OBJECTS, Listener, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer
 from conflictdb.map.views import MOST_VIEWS
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene
+from conflictdb.plot import land
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
 HOSTILE = "<img src=x onerror=alert(1)>"

@@ -11,7 +11,7 @@ import pytest
 from page_in_node import run_page
 from piecework import load
 
-from conflictdb.db import store
+from conflictdb import store
 from conflictdb.formats.scene_file import feature_of, read_scene
 from conflictdb.map.editing import PlanMove, moved
 from conflictdb.model.inputs import certain

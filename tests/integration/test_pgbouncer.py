@@ -20,10 +20,10 @@ from commands import STRAIT, runner
 from patience import WAIT_S, until
 from psycopg import conninfo
 
-from conflictdb import connect
-from conflictdb.db import detect, store
-from conflictdb.db.worker import Worker
+from conflictdb import connect, store
 from conflictdb.errors import LockTimeout, StoreError
+from conflictdb.jobs import detect
+from conflictdb.jobs.worker import Worker
 from conflictdb.model.plans import Scene
 
 PROGRAM = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")

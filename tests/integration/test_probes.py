@@ -21,11 +21,11 @@ from psycopg import conninfo, sql
 from scene_strategies import INSTANT, areas, assert_same, tracks
 from scenes import T0_US, box, sail
 
-from conflictdb import Area, Rule, Track, connect, rectangle_outline_m
-from conflictdb.db import detect, probes, store
+from conflictdb import Area, Rule, Track, connect, rectangle_outline_m, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
+from conflictdb.jobs import detect, probes
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import MAX_INSTANT_US, Scene
 from conflictdb.model.results import Conflict

@@ -29,12 +29,12 @@ from conflictdb import (
     detours,
     rectangle_outline_m,
     resolve,
+    store,
 )
-from conflictdb.clearing.resolve import moved
 from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED, USAGE
-from conflictdb.db import store
-from conflictdb.session.database import Database
-from conflictdb.session.stored_scene import StoredScene
+from conflictdb.client.database import Database
+from conflictdb.client.stored_scene import StoredScene
+from conflictdb.memory.resolve import moved
 
 T0_US = 1_780_300_800_000_000
 PATHS = "SELECT key, ST_AsEWKB(path) FROM conflictdb.track ORDER BY key"

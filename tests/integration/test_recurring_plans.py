@@ -15,16 +15,17 @@ from psycopg.types.json import Jsonb
 from test_recurring import alone, by_object, objects
 
 import conflictdb
+from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.cli import main
-from conflictdb.db import expansion, store
-from conflictdb.db.detect import detect, detect_pending
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
+from conflictdb.jobs import expansion
+from conflictdb.jobs.detect import detect, detect_pending
 from conflictdb.model.plans import Scene
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.tolerances import tolerances_of
-from conflictdb.stages.pieces.covers import pieces_of
 
 DAY_US = 86_400_000_000
 DAILY = """

@@ -19,7 +19,7 @@ import shapely
 
 from conflictdb import Area, InvalidInput, Scene, Track, connect, read
 from conflictdb.formats.scene_file import read_plans
-from conflictdb.in_memory.questions import solve
+from conflictdb.memory.questions import solve
 
 T0_S = 1_772_323_200  # 2026-03-01 00:00 UTC
 SQUARE = [(4.0, 57.0), (5.0, 57.0), (5.0, 58.0), (4.0, 58.0), (4.0, 57.0)]

@@ -14,11 +14,11 @@ import shapely
 from city import asked, worker_connected
 
 import conflictdb
-from conflictdb.db.probes import answer
-from conflictdb.db.store import WORKER_NAME, WorkerStamp
+from conflictdb.client.database import Database
 from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.jobs.probes import answer
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.session.database import Database
+from conflictdb.store import WORKER_NAME, WorkerStamp
 
 START_US = int(np.datetime64("2040-05-01T18:00", "us").astype(int))
 HOUR_US = 3_600_000_000

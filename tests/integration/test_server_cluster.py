@@ -24,10 +24,11 @@ from commands import STRAIT
 from databases import server_directory
 from patience import WAIT_S, killed_after
 
-from conflictdb import connect, server
+from conflictdb import connect
+from conflictdb import embedded as server
+from conflictdb.embedded.account import account_for, is_safe_program
+from conflictdb.embedded.cluster import Cluster
 from conflictdb.errors import ServerError
-from conflictdb.server.account import account_for, is_safe_program
-from conflictdb.server.cluster import Cluster
 
 #: Seconds for something that takes milliseconds on an idle machine.
 PATIENCE_S = WAIT_S
@@ -35,7 +36,7 @@ PATIENCE_S = WAIT_S
 USER = """
 import sys
 from pathlib import Path
-from conflictdb import server
+from conflictdb import embedded as server
 with server.embedded(Path(sys.argv[1]), durable=False) as embedded:
     print(embedded.status().pid, flush=True)
     sys.stdin.readline()

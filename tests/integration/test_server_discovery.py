@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from conflictdb.embedded import discovery
+from conflictdb.embedded.account import Account
+from conflictdb.embedded.discovery import Server, find_server, machine_directories
+from conflictdb.embedded.options import Settings
 from conflictdb.errors import ServerError
-from conflictdb.server import discovery
-from conflictdb.server.account import Account
-from conflictdb.server.discovery import Server, find_server, machine_directories
-from conflictdb.server.options import Settings
 
 MYSELF = Account(pwd.getpwuid(os.getuid()).pw_name, os.getuid(), os.getgid())
 SYSTEM_PROGRAMS = ("sh", "cat", "sleep")

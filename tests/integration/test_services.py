@@ -15,10 +15,9 @@ from own_server import own_server
 from patience import WAIT_S
 
 import conflictdb
-from conflictdb import connect
+from conflictdb import connect, store
 from conflictdb.cli import service_units
 from conflictdb.cli.commands import build
-from conflictdb.db import store
 
 FILES = Path(conflictdb.__file__).parent / "services"
 PROGRAM = "/opt/conflictdb/bin/conflictdb"

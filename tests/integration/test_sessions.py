@@ -19,12 +19,13 @@ from patience import WAIT_S
 from scenes import T0_US
 
 import conflictdb
-from conflictdb import Database, ReadOnlyDatabase, Scene, connect, server
+from conflictdb import Database, ReadOnlyDatabase, Scene, connect, store
+from conflictdb import embedded as server
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.db import schema, store
-from conflictdb.db.worker import Worker
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import find_server
+from conflictdb.embedded.account import account_for
+from conflictdb.embedded.discovery import find_server
+from conflictdb.jobs import schema
+from conflictdb.jobs.worker import Worker
 
 SETTINGS = {
     "DateStyle": "German, DMY",

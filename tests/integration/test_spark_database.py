@@ -21,9 +21,8 @@ from own_server import own_server
 from psycopg import conninfo
 from spark_answers import Spark
 
-from conflictdb import connect
+from conflictdb import connect, store
 from conflictdb.arrays.arrow.object_rows import of_objects
-from conflictdb.db import store
 from conflictdb.errors import StoreError
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m

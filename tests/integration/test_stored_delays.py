@@ -16,16 +16,16 @@ from shapely import box
 from workloads import EQUATOR, GROWING_CIRCLES, HARBOUR, OCEAN, SEAM, Workload, throw
 
 import conflictdb
-from conflictdb import InvalidInput, connect
-from conflictdb.db import difference_rows, import_computed, probes, schema, store
-from conflictdb.db.detect import detect
+from conflictdb import InvalidInput, connect, store
+from conflictdb.client.stored_scene import StoredScene
+from conflictdb.core import pair_differences
+from conflictdb.core.delays import Differences, Leeway, delays_of
+from conflictdb.core.memory import Memory
+from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup
+from conflictdb.jobs import difference_rows, import_computed, probes, schema
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.session.stored_scene import StoredScene
-from conflictdb.stages import pair_differences
-from conflictdb.stages.delays import Differences, Leeway, delays_of
-from conflictdb.stages.memory import Memory
-from conflictdb.stages.pair_differences import PairDifferences
 
 Conn = psycopg.Connection[Any]
 

@@ -18,7 +18,7 @@ from installations import local_server
 from patience import WAIT_S
 
 from conflictdb.cli.codes import DONE, NO_SERVER
-from conflictdb.server.account import account_for
+from conflictdb.embedded.account import account_for
 
 OPENSSL = shutil.which("openssl")
 KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")

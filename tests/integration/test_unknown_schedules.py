@@ -12,11 +12,11 @@ import shapely
 from commands import runner
 
 import conflictdb
+from conflictdb.client.database import Database
+from conflictdb.client.stored_scene import StoredScene
 from conflictdb.errors import UnknownScheduleWarning
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
-from conflictdb.session.database import Database
-from conflictdb.session.stored_scene import StoredScene
 
 HOUR_US = 3_600_000_000
 START_US = int(np.datetime64("2026-06-01T06:00", "us").astype(int))

@@ -40,7 +40,7 @@ print(len(found), found[0].verdict.name)
 """
 
 # Rooms that the core does not import, and libraries of extras, which only they and other formats use.
-OUTER = {"map", "spark", "drawing", "server", "exchange"}
+OUTER = {"map", "spark", "plot", "embedded", "exchange"}
 EXTRAS = (
     "matplotlib", "fpdf", "starlette", "uvicorn", "pyspark", "sedona", "pandas", "geopandas", "pyarrow", "pyogrio",
     "pyproj", "geoalchemy2", "prometheus_client",

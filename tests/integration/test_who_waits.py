@@ -15,8 +15,8 @@ import shapely
 from databases import TestServer
 from psycopg import sql
 
-from conflictdb import Area, Scene, connect
-from conflictdb.db import detect, follow_attached, store
+from conflictdb import Area, Scene, connect, store
+from conflictdb.jobs import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 

@@ -14,10 +14,10 @@ import pytest
 from made_scenes import Kind, box, sea
 from psycopg.conninfo import conninfo_to_dict
 
-from conflictdb import Area, Scene, Track, connect
-from conflictdb.db import schema, store
-from conflictdb.db.detect import Run, detect
-from conflictdb.db.store.parameters import Array
+from conflictdb import Area, Scene, Track, connect, store
+from conflictdb.jobs import schema
+from conflictdb.jobs.detect import Run, detect
+from conflictdb.store.parameters import Array
 
 Conn = psycopg.Connection[Any]
 

@@ -19,10 +19,10 @@ from commands import STRAIT, runner
 from patience import WAIT_S, killed_after, until
 from psycopg.conninfo import conninfo_to_dict
 
-from conflictdb import connect
-from conflictdb.db import detect, store
-from conflictdb.db.worker import Worker, _pauses
+from conflictdb import connect, store
 from conflictdb.errors import LockTimeout, StoreError
+from conflictdb.jobs import detect
+from conflictdb.jobs.worker import Worker, _pauses
 from conflictdb.model.plans import Scene
 
 
@@ -80,7 +80,7 @@ def test_one_scene_that_fails_does_not_stop_the_others(
             raise ValueError("no luck")
         return whole(conn, scene, **options)
 
-    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
+    monkeypatch.setattr("conflictdb.jobs.detect.detect_pending", sometimes)
     done = runner(dsn, capsys)("worker", "--once")
     assert (done.code, done.err) == (1, "conflictdb: bad: failed: no luck\n")
     assert done.out.startswith("good: 7 conflicts")
@@ -100,7 +100,7 @@ def test_a_log_for_programs_is_a_json_object_a_line(
             raise ValueError("no luck")
         return whole(conn, scene, **options)
 
-    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
+    monkeypatch.setattr("conflictdb.jobs.detect.detect_pending", sometimes)
     done = runner(dsn, capsys)("worker", "--once", "--log", "json")
     assert (done.code, done.err, "\N{RIGHT-TO-LEFT OVERRIDE}" in done.out) == (1, "", False)
     failed, good = map(json.loads, done.out.splitlines())
@@ -133,7 +133,7 @@ def test_a_scene_that_failed_is_tried_again_soon(dsn: str, monkeypatch: pytest.M
         if scene == "bad" and isinstance(outcome, detect.Run):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
+    monkeypatch.setattr("conflictdb.jobs.detect.detect_pending", sometimes)
     with pytest.raises(KeyboardInterrupt):
         Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1, retry_s=0.02).run()
     assert [scene for scene, _ in reports] == ["bad", "good", "bad", "bad", "bad"]
@@ -338,7 +338,7 @@ def test_a_scene_that_another_detects_is_not_asked_for_at_each_change(
         asked.append(scene)
         return whole(conn, scene, **options)
 
-    monkeypatch.setattr("conflictdb.db.detect.detect_pending", noted)
+    monkeypatch.setattr("conflictdb.jobs.detect.detect_pending", noted)
     reports: list[tuple[str, object]] = []
     with store.connect(dsn) as other, store.connect(dsn) as conn:
         store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)

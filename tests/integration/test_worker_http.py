@@ -17,11 +17,10 @@ from commands import STRAIT, runner
 from patience import WAIT_S
 from prometheus_client.parser import text_string_to_metric_families
 
-from conflictdb import connect
+from conflictdb import connect, store
 from conflictdb.cli.watch import Metrics, served
-from conflictdb.db import store
-from conflictdb.db.worker import Worker, WorkerState
 from conflictdb.errors import ConflictDBError
+from conflictdb.jobs.worker import Worker, WorkerState
 
 HERE = "127.0.0.1"
 

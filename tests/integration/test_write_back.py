@@ -15,21 +15,20 @@ import shapely
 from commands import KEPT, STRAIT, Run, known
 from mixed_scenes import Feature, mixed_scene
 
-from conflictdb import connect
+from conflictdb import connect, store
 from conflictdb.arrays.arrow.found import COMPUTED, of_found
 from conflictdb.arrays.arrow.object_rows import to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.db import store
+from conflictdb.core.near import Chunk, Question
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_scene
+from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup
 from conflictdb.formats import read
 from conflictdb.formats.computed import STATES, read_computed, settings_text
 from conflictdb.model.plans import Scene
 from conflictdb.spark import cut_objects as pieces
-from conflictdb.stages.near import Chunk, Question
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_scene
-from conflictdb.stages.stage1_broad_phase import candidates
 
 
 class Elsewhere:

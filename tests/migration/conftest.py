@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 ROOT = Path(schema.__file__).resolve().parents[2]
 

@@ -10,8 +10,8 @@ from catalog import privileges
 from own_server import OwnServer, own_server
 
 from conflictdb import connect
-from conflictdb.db import schema
 from conflictdb.errors import SchemaOutdated
+from conflictdb.jobs import schema
 
 POLICIES = """
 SELECT p.polrelid::regclass::text, p.polname, p.polcmd, p.polroles::regrole[]::text, pg_get_expr(p.polqual, p.polrelid),

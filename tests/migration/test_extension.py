@@ -17,9 +17,9 @@ from installations import own_installation
 from psycopg import conninfo, sql
 
 from conflictdb import connect
-from conflictdb.db import extension, schema
+from conflictdb.client.database import Database
 from conflictdb.errors import IncompleteWarning, SchemaMissing, SchemaOutdated
-from conflictdb.session.database import Database
+from conflictdb.jobs import extension, schema
 
 NUMBERS = count(1)
 CREATE = "CREATE EXTENSION conflictdb CASCADE"

@@ -11,8 +11,8 @@ import sqlalchemy
 from databases import TestServer
 from psycopg import conninfo
 
-from conflictdb.db import extension, schema
 from conflictdb.errors import ServerError, StoreError
+from conflictdb.jobs import extension, schema
 
 # A user plants this before an administrator installs conflictdb; the function fits better than PostgreSQL's own.
 PLANTED = """

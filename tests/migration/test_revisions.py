@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 VERSIONS = Path(schema.__file__).resolve().parents[2] / "migrations" / "versions"
 FILES = sorted(VERSIONS.glob("*.py"))

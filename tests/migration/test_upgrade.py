@@ -23,9 +23,9 @@ from made_scenes import sea
 from psycopg import conninfo, sql
 from sqlalchemy.pool import NullPool
 
-from conflictdb import connect
-from conflictdb.db import schema, store
+from conflictdb import connect, store
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
+from conflictdb.jobs import schema
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
@@ -422,7 +422,7 @@ def test_changed_routines_are_applied_without_a_revision(dsn: str, next_release:
 
 def test_several_programs_at_once_all_succeed(empty_dsn: str, other_dsn: str) -> None:
     """On one database, and on two that share the server's roles."""
-    program = "import sys; from conflictdb.db import schema; print(schema.upgrade(sys.argv[1]))"
+    program = "import sys; from conflictdb.jobs import schema; print(schema.upgrade(sys.argv[1]))"
     running = [
         subprocess.Popen([sys.executable, "-c", program, dsn], stdout=subprocess.PIPE, cwd=ROOT, text=True)
         for dsn in (empty_dsn, other_dsn, empty_dsn, other_dsn)

@@ -35,8 +35,8 @@ from mixed_scenes import Object
 from conflictdb import Database, IncompleteWarning, StoredScene, connect
 from conflictdb import delays as delays_in_memory
 from conflictdb import speeds as speeds_in_memory
-from conflictdb.db import probes
 from conflictdb.formats.scene_file import feature_of
+from conflictdb.jobs import probes
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Verdict

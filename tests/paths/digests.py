@@ -37,14 +37,13 @@ from scenes import known_scenes
 from workloads import WORKLOADS, throw
 
 import conflictdb
-from conflictdb import formats, solve
-from conflictdb.db import store
+from conflictdb import formats, solve, store
+from conflictdb.client.database import Database
 from conflictdb.earth.registry import centred
 from conflictdb.errors import IncompleteWarning
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
 from conflictdb.model.record import APPROACH_COLUMNS, COLUMNS, Column, ColumnType
 from conflictdb.model.results import Approach, Conflict, Verdict
-from conflictdb.session.database import Database
 
 RECORD: Final = Path(__file__).with_name("digests.json")
 Scenes = Mapping[str, Callable[[], tuple[Scene, list[Area], list[Track]]]]
@@ -253,8 +252,8 @@ def main() -> int:
         return _report(names, None)
     from databases import clean_up, test_server
 
-    from conflictdb.db import schema
-    from conflictdb.session.database import connect
+    from conflictdb.client.database import connect
+    from conflictdb.jobs import schema
 
     run = uuid.uuid4().hex[:8]
     try:

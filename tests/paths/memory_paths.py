@@ -11,8 +11,8 @@ from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules
 from mixed_scenes import DAY_US, METRES_PER_DEGREE
 
 from conflictdb import Index, chances, delays, detours, resolve, solve, speeds
-from conflictdb.clearing.resolve import moved
 from conflictdb.formats.scene_file import feature_of
+from conflictdb.memory.resolve import moved
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Proposal

@@ -7,13 +7,13 @@ from typing import Any, Final
 from case import Case, Finding, NotApplicable, delayed, idle_schedules, only_of, solved
 from page_in_node import HORIZON_US, answers_of_page
 
+from conflictdb.core.world import Reach, World
 from conflictdb.map import what_if
 from conflictdb.map.editing import PlanMove, moved
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Track
 from conflictdb.model.recurring_plans import expanded_track
 from conflictdb.model.results import Conflict
-from conflictdb.stages.world import Reach, World
 
 # Later, microseconds, and higher, metres, if the track has a floor or a ceiling.
 _MOVES: Final = (

@@ -23,7 +23,7 @@ from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Table, seeds_of 
 from reused import ReusedDatabase  # noqa: E402
 from test_paths import put_stored  # noqa: E402
 
-from conflictdb.db import schema  # noqa: E402
+from conflictdb.jobs import schema  # noqa: E402
 
 RECORD = HERE / "table.csv"
 EVERY = "every feature"

@@ -19,6 +19,8 @@ from full_plans import HOUR_US, SCENE, Border, Plan, lost, specimens, track, val
 from conflictdb import formats
 from conflictdb.arrays.arrow.object_rows import of_objects, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core.pieces.digests import area_digests, track_digests
+from conflictdb.core.world import World
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.from_frames import TimeZone, areas_of, tracks_of
 from conflictdb.formats.hints import FileHints
@@ -29,8 +31,6 @@ from conflictdb.map.what_if import packed
 from conflictdb.model.plans import Area, Motion, Track, VerticalDatum
 from conflictdb.model.recurring_plans import later
 from conflictdb.spark.cut_objects import cut
-from conflictdb.stages.pieces.digests import area_digests, track_digests
-from conflictdb.stages.world import World
 
 _RECURS: Final = "spans_us", "departures_us", "schedule"
 

@@ -15,20 +15,20 @@ from city import worker_connected
 from full_plans import HOUR_US, SCENE, Border, Plan, area, lost, track, values_of
 from numpy.typing import NDArray
 
-from conflictdb import formats
+from conflictdb import formats, store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import probes, store
-from conflictdb.db.store.object_states import object_states
-from conflictdb.db.store.proposal_rows import proposal_basis, put_proposal
+from conflictdb.client.database import connect
+from conflictdb.client.stored_scene import StoredScene
+from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.errors import ConflictDBError
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.scene_file import plans_text, read_plans
+from conflictdb.jobs import probes
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Goal, Move, Proposal
 from conflictdb.model.recurring_plans import later
-from conflictdb.session.database import connect
-from conflictdb.session.stored_scene import StoredScene
-from conflictdb.stages.pieces.digests import area_digests, track_digests
+from conflictdb.store.object_states import object_states
+from conflictdb.store.proposal_rows import proposal_basis, put_proposal
 
 # Columns of tables, parameters of put_area and put_track, and members of plans of admit, by field.
 AREA_NAMES: Final = {

@@ -7,7 +7,7 @@ import psycopg
 import pytest
 from databases import TestServer
 
-from conflictdb.db import schema
+from conflictdb.jobs import schema
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,8 @@ import shapely
 from patience import WAIT_S
 from scenes import T0_US
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import EarthModel, Scene
 
 Conn = psycopg.Connection[Any]

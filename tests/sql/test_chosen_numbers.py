@@ -6,8 +6,8 @@ import psycopg
 import pytest
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 
 Conn = psycopg.Connection[Any]
 

@@ -11,7 +11,7 @@ import pytest
 from patience import WAIT_S
 from psycopg import sql
 
-from conflictdb.db import detect
+from conflictdb.jobs import detect
 
 Conn = psycopg.Connection[Any]
 

@@ -7,7 +7,7 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb.db import detect
+from conflictdb.jobs import detect
 
 Conn = psycopg.Connection[Any]
 

@@ -8,7 +8,8 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb.db import detect, store
+from conflictdb import store
+from conflictdb.jobs import detect
 
 Conn = psycopg.Connection[Any]
 

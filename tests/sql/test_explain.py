@@ -9,7 +9,7 @@ from scenes import T0_US, box, sail
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect, delays
-from conflictdb.db import detect
+from conflictdb.jobs import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict

@@ -12,13 +12,13 @@ from piecework import load
 from scenes import T0_US, box
 from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.core.pieces.cutting import check_plane
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import check_plane
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -10,7 +10,7 @@ from commands import runner
 from psycopg import sql
 
 from conflictdb.cli.codes import DONE
-from conflictdb.db import detect, follow_attached
+from conflictdb.jobs import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 

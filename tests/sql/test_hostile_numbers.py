@@ -8,7 +8,7 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb.db import probes
+from conflictdb.jobs import probes
 
 Conn = psycopg.Connection[Any]
 

@@ -8,12 +8,12 @@ import pytest
 from mixed_scenes import mixed_scene
 from piecework import load, refresh, stage
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
-from conflictdb.db.sources import Stored
-from conflictdb.db.store import write_rows
+from conflictdb import store
+from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.run import run_scene
+from conflictdb.jobs.detect import detect
+from conflictdb.jobs.sources import Stored
+from conflictdb.store import write_rows
 
 Conn = psycopg.Connection[Any]
 

@@ -8,8 +8,7 @@ import psycopg
 import pytest
 from psycopg.rows import dict_row
 
-from conflictdb import connect, solve
-from conflictdb.db import store
+from conflictdb import connect, solve, store
 
 Conn = psycopg.Connection[Any]
 

@@ -9,10 +9,10 @@ import psycopg
 import pytest
 import shapely
 
+from conflictdb.client.database import connect
 from conflictdb.errors import InvalidInput
 from conflictdb.model import plans
 from conflictdb.model.plans import MAX_POINTS, Area, Track
-from conflictdb.session.database import connect
 
 Conn = psycopg.Connection[Any]
 SQUARE = "SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))"

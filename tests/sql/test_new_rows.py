@@ -11,10 +11,10 @@ import shapely
 from piecework import load
 from scenes import T0_US
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
-from conflictdb.db.store import write_rows
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.store import write_rows
 
 Conn = psycopg.Connection[Any]
 

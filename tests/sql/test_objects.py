@@ -10,9 +10,9 @@ import shapely
 from psycopg.rows import dict_row
 from scene_strategies import assert_same
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
 from conflictdb.errors import InvalidInput, StoreError
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]

@@ -10,14 +10,14 @@ import shapely
 from piecework import load, refresh, stored_pieces
 from workloads import LOW_LATITUDE, SEAM, Workload, throw
 
+from conflictdb import store
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import store
-from conflictdb.db.sources import Stored
+from conflictdb.core.near import Question
+from conflictdb.core.stage1_broad_phase import candidates, hulls_of
+from conflictdb.core.stage2_intersection import intersections
+from conflictdb.jobs.sources import Stored
 from conflictdb.model.plans import Area, EarthModel, Scene
-from conflictdb.stages.near import Question
-from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
-from conflictdb.stages.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
 PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)

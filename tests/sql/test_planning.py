@@ -17,15 +17,15 @@ import shapely
 from databases import TestServer
 from piecework import load, mark_all, refresh, write_run
 
+from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.db import store
-from conflictdb.db.admission import admit
-from conflictdb.db.detect import detect
-from conflictdb.db.probes import probe
-from conflictdb.db.sources import Stored
+from conflictdb.core.near import Question
+from conflictdb.jobs.admission import admit
+from conflictdb.jobs.detect import detect
+from conflictdb.jobs.probes import probe
+from conflictdb.jobs.sources import Stored
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.rules import Rule
-from conflictdb.stages.near import Question
 
 Conn = psycopg.Connection[Any]
 

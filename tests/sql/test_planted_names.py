@@ -11,8 +11,9 @@ import psycopg
 import pytest
 from psycopg import sql
 
-from conflictdb.db import schema, store
-from conflictdb.db.store import connection
+from conflictdb import store
+from conflictdb.jobs import schema
+from conflictdb.store import connection
 
 Conn = psycopg.Connection[Any]
 

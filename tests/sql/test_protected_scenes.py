@@ -16,7 +16,7 @@ from databases import TestServer
 from psycopg import conninfo, sql
 
 from conflictdb.cli.codes import DONE
-from conflictdb.db import detect, follow_attached
+from conflictdb.jobs import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 

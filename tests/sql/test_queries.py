@@ -14,11 +14,11 @@ from databases import TestServer
 from piecework import load
 from scenes import box, sail
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.core import conflict_regions
+from conflictdb.jobs.detect import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
-from conflictdb.stages import conflict_regions
 
 Conn = psycopg.Connection[Any]
 

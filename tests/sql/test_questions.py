@@ -7,7 +7,7 @@ import pytest
 import shapely
 from piecework import load
 
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Motion, Scene
 
 Conn = psycopg.Connection[Any]

@@ -6,10 +6,9 @@ import psycopg
 import pytest
 from commands import STRAIT
 
-from conflictdb import connect
-from conflictdb.db import follow_attached as attached
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import connect, store
+from conflictdb.jobs import follow_attached as attached
+from conflictdb.jobs.detect import detect
 
 Conn = psycopg.Connection[Any]
 

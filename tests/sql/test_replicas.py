@@ -7,9 +7,10 @@ import pytest
 from mixed_scenes import mixed_scene
 from piecework import load
 
-from conflictdb.db import schema, store
-from conflictdb.db.detect import detect
+from conflictdb import store
 from conflictdb.errors import SchemaOutdated
+from conflictdb.jobs import schema
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]

@@ -11,9 +11,9 @@ from piecework import load
 from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import connect
-from conflictdb.db import detect, store
+from conflictdb import connect, store
 from conflictdb.errors import StoreError
+from conflictdb.jobs import detect
 from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]

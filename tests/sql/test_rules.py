@@ -10,13 +10,12 @@ import psycopg
 import pytest
 from ruled import random_rules, sea
 
-from conflictdb import InvalidInput, Scene, connect, solve
+from conflictdb import InvalidInput, Scene, connect, solve, store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.formats.scene_file import read_scene
+from conflictdb.jobs.detect import detect
 from conflictdb.model.rules import Rule
-from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 Conn = psycopg.Connection[Any]
 

@@ -9,8 +9,8 @@ import pytest
 import shapely
 from piecework import load
 
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import store
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Motion, Scene
 
 Conn = psycopg.Connection[Any]

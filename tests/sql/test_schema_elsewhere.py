@@ -14,8 +14,9 @@ from piecework import load
 from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb.db import detect, schema, store
+from conflictdb import store
 from conflictdb.errors import SchemaOutdated
+from conflictdb.jobs import detect, schema
 from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Conflict
 

@@ -8,7 +8,8 @@ import numpy as np
 import psycopg
 import pytest
 
-from conflictdb.db import models, store
+from conflictdb import store
+from conflictdb.jobs import models
 from conflictdb.model import settings
 from conflictdb.model.plans import Scene
 from conflictdb.model.settings import SETTINGS, SettingType

@@ -9,13 +9,13 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb import connect
-from conflictdb.db import schema, store
-from conflictdb.db.detect import Run
+from conflictdb import connect, store
+from conflictdb.core.funnel import MEASURES, Funnel
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, earth_of
+from conflictdb.jobs import schema
+from conflictdb.jobs.detect import Run
 from conflictdb.model.plans import EarthModel, Method, Motion
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages.funnel import MEASURES, Funnel
 
 Conn = psycopg.Connection[Any]
 

@@ -9,13 +9,14 @@ import pytest
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
 from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
+from conflictdb import store
 from conflictdb.arrays.words import numbers_of_words
-from conflictdb.db import sources, store
-from conflictdb.db.sources import joined
+from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.near import Question
 from conflictdb.errors import StoreError
+from conflictdb.jobs import sources
+from conflictdb.jobs.sources import joined
 from conflictdb.model.plans import Area, EarthModel
-from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.near import Question
 
 Conn = psycopg.Connection[Any]
 

@@ -10,7 +10,7 @@ import shapely
 from piecework import load
 from tiles import Feature, decode
 
-from conflictdb.db.detect import detect
+from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]

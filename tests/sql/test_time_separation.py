@@ -11,9 +11,21 @@ import shapely
 from piecework import load
 from workloads import EQUATOR, LOW_LATITUDE, throw
 
-from conflictdb import Area, Conflict, InvalidInput, Scene, Track, connect, delays, rectangle_outline_m, solve, speeds
-from conflictdb.db import probes, store
-from conflictdb.db.detect import detect
+from conflictdb import (
+    Area,
+    Conflict,
+    InvalidInput,
+    Scene,
+    Track,
+    connect,
+    delays,
+    rectangle_outline_m,
+    solve,
+    speeds,
+    store,
+)
+from conflictdb.jobs import probes
+from conflictdb.jobs.detect import detect
 
 Conn = psycopg.Connection[Any]
 T0_US = 1_772_323_200_000_000

@@ -7,9 +7,8 @@ import psycopg
 import pytest
 import shapely
 
-from conflictdb import Area, connect, solve
-from conflictdb.db import store
-from conflictdb.db.probes import answer
+from conflictdb import Area, connect, solve, store
+from conflictdb.jobs.probes import answer
 from conflictdb.model.results import Certainty
 
 PATH = "track_path('SRID=4326;LINESTRING(4 57, 4.5 57.1, 5 57)', ARRAY['2026-03-01 00:00+00', '2026-03-01 02:00+00',"

@@ -10,9 +10,8 @@ import shapely
 from oracle import apart_in_height
 from piecework import load
 
-from conflictdb import Area, Motion, Scene, Track, rectangle_outline_m, solve
-from conflictdb.db import store
-from conflictdb.db.detect import detect
+from conflictdb import Area, Motion, Scene, Track, rectangle_outline_m, solve, store
+from conflictdb.jobs.detect import detect
 
 Conn = psycopg.Connection[Any]
 HERE = "ST_MakeEnvelope(0.1, 0.1, 0.2, 0.2, 4326)"

@@ -14,15 +14,15 @@ from patience import WAIT_S
 from piecework import load, mark_all, refresh, write_run
 from psycopg.pq import TransactionStatus
 
+from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.db import store
-from conflictdb.db.detect import detect as detect_scene
-from conflictdb.db.store import write_rows
+from conflictdb.core.conflict_regions import Meetings
 from conflictdb.earth.registry import Setup
+from conflictdb.jobs.detect import detect as detect_scene
 from conflictdb.model.methods import REMOVED, Method
 from conflictdb.model.plans import INFINITY_US, Area, Scene, Track, rectangle_outline_m
-from conflictdb.stages.conflict_regions import Meetings
+from conflictdb.store import write_rows
 
 Conn = psycopg.Connection[Any]
 
@@ -294,7 +294,7 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
 
 def refresh_rest(conn: Conn, scene_id: int) -> None:
     """Finish transaction 1 on the snapshot that is open."""
-    from conflictdb.stages.pieces.covers import pieces_of
+    from conflictdb.core.pieces.covers import pieces_of
 
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)

@@ -12,9 +12,9 @@ import psycopg
 import shapely
 
 from conflictdb import Area, Scene, StoredScene, Track, rectangle_outline_m
-from conflictdb.db.store import WORKER_NAME, WorkerStamp
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.store import WORKER_NAME, WorkerStamp
 
 HOUR_US = 3_600_000_000
 T0_US = 1_900_000_000_000_000

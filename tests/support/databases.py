@@ -25,11 +25,11 @@ import psycopg
 import pytest
 from psycopg import conninfo, sql
 
-from conflictdb import server
+from conflictdb import embedded as server
+from conflictdb.embedded.account import account_for
+from conflictdb.embedded.discovery import find_server
+from conflictdb.embedded.options import Settings
 from conflictdb.errors import ServerError
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import find_server
-from conflictdb.server.options import Settings
 
 DOCKER_TIMEOUT_S = 3
 DOCKER_IMAGE = "postgis/postgis:16-3.4"

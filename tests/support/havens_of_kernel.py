@@ -4,10 +4,10 @@ import numpy as np
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Scene, Track
-from conflictdb.stages.pieces.cutting import track_pieces
 
 
 def haven_deg(scene: Scene, track: Track, us: int) -> np.ndarray:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from conflictdb import server
+from conflictdb import embedded as server
+from conflictdb.embedded.account import account_for
+from conflictdb.embedded.discovery import Server, find_server
+from conflictdb.embedded.options import Settings
 from conflictdb.errors import ServerError
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import Server, find_server
-from conflictdb.server.options import Settings
 
 
 def local_server() -> Server:

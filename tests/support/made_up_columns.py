@@ -69,7 +69,7 @@ def pytest_sessionstart() -> Iterator[None]:
     sys.path.insert(0, str(root / "docs"))
     import full_plans
 
-    from conflictdb.db import schema
+    from conflictdb.jobs import schema
     from conflictdb.model.plans import Area
 
     made, former, specimens = _made_sql(Path(tempfile.mkdtemp())), schema._folder, full_plans.specimens

@@ -12,11 +12,11 @@ import psycopg
 import pytest
 from made_up_columns import MADE_UP, VALUES
 
+from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.db import store
+from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, Track
-from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 WRONG = {"cargo": ["", 7, 201 * "x"], "draught_m": ["7", float("nan")], "remark_of_pilot": [7], "papers": [{1: {2}}]}
 

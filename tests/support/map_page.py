@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from patience import WAIT_S, killed_after
 
-from conflictdb.db import store
+from conflictdb import store
 from conflictdb.map.serve import PageServer
 
 # Serves the page of a scene of a database until the end of a test, and returns its address.

@@ -17,10 +17,10 @@ import psycopg
 from databases import server_directory
 from patience import WAIT_S
 
-from conflictdb import server
-from conflictdb.db import schema
-from conflictdb.server.account import account_for
-from conflictdb.server.discovery import find_server
+from conflictdb import embedded as server
+from conflictdb.embedded.account import account_for
+from conflictdb.embedded.discovery import find_server
+from conflictdb.jobs import schema
 
 # A commit survives the end of any process, though not of the machine.
 SETTINGS = {"full_page_writes": "on", "synchronous_commit": "on", "listen_addresses": ""}

@@ -9,7 +9,7 @@ from typing import Any
 
 import psycopg
 
-from conflictdb.db import probes
+from conflictdb.jobs import probes
 
 # Far longer than what is waited for takes. A test that asserts less depends on the machine.
 WAIT_S = 180.0

@@ -7,12 +7,12 @@ import numpy as np
 import psycopg
 import shapely
 
+from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import store
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
 
 Conn = psycopg.Connection[Any]
 

@@ -10,13 +10,13 @@ import shapely
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
+from conflictdb.core import run
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage1_broad_phase import hulls_of
+from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays
-from conflictdb.stages import run
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import hulls_of
-from conflictdb.stages.stage2_intersection import intersections
 
 
 def shifted(track: Track, shift_us: int, key: str | None = None) -> Track:

@@ -37,15 +37,15 @@ import pytest
 from conflictdb.arrays.arrow.found import of_found
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core.near import Memory
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup, centred
+from conflictdb.embedded.options import Settings
 from conflictdb.errors import EngineMissing
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.server.options import Settings
 from conflictdb.spark import engine, work_units
-from conflictdb.stages.near import Memory
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
 # Java makes no best code of what runs for seconds, and verifies no classes of Spark; nobody looks at pages of Spark.

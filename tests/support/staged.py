@@ -13,16 +13,16 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets
+from conflictdb.core.funnel import Funnel
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_stages
+from conflictdb.core.stage1_broad_phase import candidates
+from conflictdb.core.stage2_intersection import intersections
+from conflictdb.core.stage4.contact_search import contacts
+from conflictdb.core.stage4.effort import Effort
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel import KernelScene
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.stages.funnel import Funnel
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.stage4.contact_search import contacts
-from conflictdb.stages.stage4.effort import Effort
 
 
 def still(*rings: Any) -> Pieces:

@@ -5,10 +5,10 @@ import shapely
 from scenes import T0_US
 from workloads import changing
 
+from conflictdb.core.pieces.cutting import check_plane
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import check_plane
 
 METRES_PER_DEGREE = 111e3
 LARGEST_HAVEN_M = 4e5

@@ -10,10 +10,10 @@ from verdicts import Reported, periods_us
 from workloads import LOW_LATITUDE
 
 from conflictdb import Scene, Verdict, solve
+from conflictdb.core.run import run_stages
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Method
 from conflictdb.model.results import Kind
-from conflictdb.stages.run import run_stages
 
 EPOCH_US = 1_000_000
 MEETS = oracle.Meeting(EPOCH_US, ((10.0, 20.0), (30.0, 40.0)), 0.0, 10.0)

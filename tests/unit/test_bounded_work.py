@@ -13,12 +13,12 @@ from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, 
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core import whole_areas
+from conflictdb.core.object_pairs import company_of
+from conflictdb.core.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
+from conflictdb.core.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel
-from conflictdb.stages import whole_areas
-from conflictdb.stages.object_pairs import company_of
-from conflictdb.stages.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
-from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000

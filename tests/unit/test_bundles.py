@@ -10,12 +10,12 @@ from workloads import HARBOUR, LONG_LEGS, LOW_LATITUDE, SEAM, Workload, throw
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
+from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.pieces.bundling import bundles_of
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
-from conflictdb.stages.object_pairs import object_numbers
-from conflictdb.stages.pieces.bundling import bundles_of
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
 
 OUTLINE_M = rectangle_outline_m(50.0, 50.0, 10.0, 10.0)
 MINUTE_US = 60_000_000

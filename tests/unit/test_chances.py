@@ -13,7 +13,7 @@ from scipy import integrate, stats
 from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve
-from conflictdb.stages import chances as stage
+from conflictdb.core import chances as stage
 
 T0_US = 1_780_000_000_000_000
 SCENE = Scene("chances")

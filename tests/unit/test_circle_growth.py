@@ -15,12 +15,12 @@ from workloads import GROWING_CIRCLES, throw
 from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import check_plane, track_pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Motion, Scene
-from conflictdb.stages.pieces.cutting import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
 Sizes = tuple[float, float, float, float]

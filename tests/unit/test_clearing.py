@@ -24,14 +24,14 @@ from conflictdb import (
     resolve,
     solve,
 )
-from conflictdb.clearing.greedy import greedy, is_plan
-from conflictdb.clearing.least import least
-from conflictdb.clearing.program import NOTHING, Program, chain_of
-from conflictdb.clearing.resolve import at_speed, moved, place
-from conflictdb.clearing.turns import Turns, bound_of
-from conflictdb.clearing.yielding import levels_of
+from conflictdb.core.delays import Spans
+from conflictdb.memory.greedy import greedy, is_plan
+from conflictdb.memory.least import least
+from conflictdb.memory.program import NOTHING, Program, chain_of
+from conflictdb.memory.resolve import at_speed, moved, place
+from conflictdb.memory.turns import Turns, bound_of
+from conflictdb.memory.yielding import levels_of
 from conflictdb.model.recurring_plans import later
-from conflictdb.stages.delays import Spans
 
 SECOND = 1_000_000
 T0_US = 1_780_000_000_000_000
@@ -493,7 +493,7 @@ def test_solver_is_quiet() -> None:
     """Nothing that the solver prints is seen, also what C buffers."""
     code = (
         "import ctypes\n"
-        "from conflictdb.clearing import mixed_integer as m\n"
+        "from conflictdb.memory import mixed_integer as m\n"
         "with m._quiet():\n    ctypes.CDLL(None).puts(b'noise')\n"
         "print('answer')\n"
     )

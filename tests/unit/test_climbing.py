@@ -16,12 +16,12 @@ from workloads import HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 from conflictdb import delays, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import packed, unpacked
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import Area, Intervals, Method, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Conflict
-from conflictdb.stages.pieces.covers import pieces_of
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000

@@ -37,12 +37,12 @@ from workloads import (
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows
+from conflictdb.core.object_pairs import object_keys
+from conflictdb.core.stage4.closest_approach import approaches
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.kernel_scene import HeldPairs
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import EarthModel, Motion, Scene
-from conflictdb.stages.object_pairs import object_keys
-from conflictdb.stages.stage4.closest_approach import approaches
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SAMPLES = 33

@@ -8,8 +8,8 @@ import shapely
 from mixed_scenes import Feature, mixed_scene
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.model.plans import Area, Track
-from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 AREA = Area("A", shapely.box(0, 0, 1, 1), start_us=0, end_us=10, floor_m=0.0, ceiling_m=10.0)
 TRACK = Track(

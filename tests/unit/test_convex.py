@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conflictdb import kernel
-from conflictdb.stages.pieces.convex_parts import convex_parts
+from conflictdb.core.pieces.convex_parts import convex_parts
 
 
 def star(count: int, seed: int, middle: tuple[float, float] = (0.0, 0.0)) -> shapely.Polygon:

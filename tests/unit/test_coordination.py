@@ -8,10 +8,10 @@ from workloads import GROWING_CIRCLES, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core.coordination import contact_set
+from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.stages.coordination import contact_set
-from conflictdb.stages.object_pairs import object_numbers
-from conflictdb.stages.pieces.covers import pieces_of
 
 HORIZON_US = 40_000_000_000
 

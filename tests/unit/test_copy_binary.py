@@ -10,10 +10,10 @@ import pytest
 import shapely
 
 from conflictdb.arrays.ragged import offsets
-from conflictdb.db.store import copy_binary
-from conflictdb.db.store.copy_binary import Ragged
 from conflictdb.kernel.rows import interleaved
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.store import copy_binary
+from conflictdb.store.copy_binary import Ragged
 
 EPOCH_US = 946_684_800_000_000
 

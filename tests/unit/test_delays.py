@@ -9,8 +9,8 @@ import shapely
 from shifting import meets_when_shifted
 
 from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
+from conflictdb.core.delays import Differences
 from conflictdb.model.plans import Intervals
-from conflictdb.stages.delays import Differences
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000
@@ -126,7 +126,7 @@ def test_a_separation_and_a_tolerance_widen_what_is_forbidden() -> None:
 
 def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cover; nothing of it is proven."""
-    from conflictdb.stages.pieces import covers
+    from conflictdb.core.pieces import covers
 
     def fail(*_: object) -> None:
         raise ValueError("cannot be cut")
@@ -141,7 +141,7 @@ def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch
 
 def test_a_track_that_cannot_be_cut_may_wait_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """So a later object forbids every later departure; an object before the planned departure forbids none."""
-    from conflictdb.stages.pieces import covers
+    from conflictdb.core.pieces import covers
 
     def fail(*_: object) -> None:
         raise ValueError("cannot be cut")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
+from conflictdb.core.depths import depths
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.model.rules import Rule
-from conflictdb.stages.depths import depths
 
 DEGREE_M = np.radians(1.0) * 6371008.771415  # on the equator of the sphere
 T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC

@@ -8,11 +8,11 @@ from workloads import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATI
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel import KernelPlane, KernelScene, Work
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
 
 WORKLOADS = [HIGH_LATITUDE, GROWING, OCEAN, GROWING_CIRCLES, HARBOUR]
 

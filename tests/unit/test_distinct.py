@@ -9,10 +9,10 @@ from workloads import ARCTIC, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, thro
 from conflictdb.arrays.distinct import distinct, is_in
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.cutting import check_plane
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.library import address
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import check_plane
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 7, 500])

@@ -37,12 +37,12 @@ from conflictdb import (
     plot_timeline,
     solve,
 )
-from conflictdb.advice.advise import advise
-from conflictdb.db.detect import Run
-from conflictdb.drawing import figures, land, report
-from conflictdb.drawing.separation import separation
-from conflictdb.drawing.sketch import Sketch
+from conflictdb.client.advise import advise
+from conflictdb.jobs.detect import Run
 from conflictdb.model.results import Approach, Explanation, Listing, Results, SceneState
+from conflictdb.plot import figures, land, report
+from conflictdb.plot.separation import separation
+from conflictdb.plot.sketch import Sketch
 
 START = datetime(2026, 6, 1, 6, tzinfo=UTC)
 SQUARE = [(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)]

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from conflictdb.advice import advise
-from conflictdb.advice.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
+from conflictdb.client import advise
+from conflictdb.client.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Method
 
 

@@ -11,12 +11,12 @@ from mpmath import mp, mpf
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Motion, Scene
-from conflictdb.stages.pieces.cutting import track_pieces
 
 CLOSE_M = 1e-8
 LEG_S = 1000.0

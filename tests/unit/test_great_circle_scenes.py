@@ -12,14 +12,14 @@ from verdicts import periods_us
 from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, kernel, rectangle_outline_m, solve
-from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.client.advise import advise
+from conflictdb.core.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.earth.registry import Setup, centred, middle_deg, summed_directions
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel.movement import Movement
-from conflictdb.stages.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
 HOUR_US = 3_600_000_000
 HAVEN = {"fore_m": 1000, "aft_m": 1000, "port_m": 500, "starboard_m": 500}

@@ -15,11 +15,11 @@ from workloads import GROWING, LOW_LATITUDE, throw
 from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import area_pieces, check_plane, track_pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene, Track
-from conflictdb.stages.pieces.cutting import area_pieces, check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 

@@ -9,7 +9,7 @@ import shapely
 
 import conflictdb
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.in_memory.index import Index
+from conflictdb.memory.index import Index
 from conflictdb.model.plans import Area, Scene, Track
 
 HOUR_US = 3_600_000_000

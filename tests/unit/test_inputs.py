@@ -13,7 +13,7 @@ from verdicts import periods_us
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Rule, Scene, Track, rectangle_outline_m, solve
-from conflictdb.in_memory.index import Index
+from conflictdb.memory.index import Index
 
 START = datetime(2026, 6, 1, 8, tzinfo=UTC)
 END = START + timedelta(hours=2)

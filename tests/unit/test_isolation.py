@@ -16,13 +16,13 @@ import conflictdb
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.core import closest_approaches, run, whole_areas
+from conflictdb.core.pieces import covers
+from conflictdb.core.stage4 import contact_search
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import KernelMissing
 from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Verdict
-from conflictdb.stages import closest_approaches, run, whole_areas
-from conflictdb.stages.pieces import covers
-from conflictdb.stages.stage4 import contact_search
 
 T0_US = 1_700_000_000_000_000
 HOUR_US = 3_600_000_000

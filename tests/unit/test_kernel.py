@@ -21,6 +21,7 @@ from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, KernelMissing
@@ -33,7 +34,6 @@ from conflictdb.kernel.meeting import distances
 from conflictdb.model import plans
 from conflictdb.model.plans import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages.pieces.covers import pieces_of
 
 Columns = tuple[np.ndarray, ...]
 UNRESOLVED = Verdict.UNRESOLVED.code

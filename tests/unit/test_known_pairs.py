@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.db.store import copy_binary
-from conflictdb.db.store.known_pairs import KnownPairs, digests
+from conflictdb.store import copy_binary
+from conflictdb.store.known_pairs import KnownPairs, digests
 
 TRACK = 1 << 62  # above the numbers of areas
 

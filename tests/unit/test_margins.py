@@ -9,11 +9,11 @@ import shapely
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
+from conflictdb.core import margins
+from conflictdb.core.pieces import covers
 from conflictdb.earth.registry import Setup
 from conflictdb.model.inputs import certain
 from conflictdb.model.rules import Rule
-from conflictdb.stages import margins
-from conflictdb.stages.pieces import covers
 
 
 @pytest.mark.parametrize(

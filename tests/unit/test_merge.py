@@ -9,9 +9,9 @@ import shapely
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m, solve
 from conflictdb.arrays.answers import Contacts
+from conflictdb.core import run
+from conflictdb.core.merge import _periods
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
-from conflictdb.stages import run
-from conflictdb.stages.merge import _periods
 
 # Seconds that stand for no beginning and no end.
 EVER = (-1e6, 1e6)

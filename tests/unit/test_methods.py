@@ -13,13 +13,13 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import area_pieces, track_pieces
+from conflictdb.core.stage4.contact_search import contacts
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import METHODS, Method, MethodSpec, Solver
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.model.results import Verdict
-from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.stage4.contact_search import contacts
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -12,12 +12,12 @@ from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, SEAM, thr
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.mercator import Mercator
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene, Track
-from conflictdb.stages.pieces.cutting import track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65

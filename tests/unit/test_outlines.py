@@ -12,11 +12,11 @@ from oracle_motion import grown, outlines
 from workloads import GROWING, throw
 
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.core.pieces.cutting import _legs, track_pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred, stays_convex
 from conflictdb.model.plans import Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import _legs, track_pieces
 
 
 def grown_by(outline: np.ndarray, by_m: float) -> np.ndarray:

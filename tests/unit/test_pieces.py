@@ -14,11 +14,11 @@ from workloads import WORKLOADS, Workload, throw
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
-from conflictdb.stages.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
 
 
 def hull(pieces: Pieces, k: int) -> shapely.Polygon:

@@ -14,15 +14,15 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.funnel import Funnel
+from conflictdb.core.near import Chunk, PairSource, Question
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.run import run_scene
+from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.library import SHARE
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
-from conflictdb.stages.funnel import Funnel
-from conflictdb.stages.near import Chunk, PairSource, Question
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_scene
-from conflictdb.stages.stage1_broad_phase import candidates
 
 SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
 SCENE = replace(SCENE, nearest_m=20_000.0)

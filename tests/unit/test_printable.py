@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from conflictdb.cli import output
 from conflictdb.cli.load_report import conflict_table, loaded_text, skipped_text
-from conflictdb.db.store import LoadCounts
+from conflictdb.client.loading import Loaded
 from conflictdb.errors import InvalidInput, printable
 from conflictdb.formats import Skipped, conflict_text
 from conflictdb.formats.json_text import dumped
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Conflict, Kind, Verdict
-from conflictdb.session.loading import Loaded
+from conflictdb.store import LoadCounts
 
 TITLE = "\x1b]0;owned\x07"
 ATTACKS = [

@@ -13,9 +13,9 @@ from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, write
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_rows
 from conflictdb.cli.load_report import conflict_table
-from conflictdb.drawing.report import _verdict
 from conflictdb.model import record
 from conflictdb.model.results import Certainty
+from conflictdb.plot.report import _verdict
 
 OUTPUTS = Path(__file__).with_name("record_outputs.txt")
 START, END = datetime(2026, 6, 1, 8, 0, 0, 250, tzinfo=UTC), datetime(2026, 6, 1, 9, 30, tzinfo=UTC)

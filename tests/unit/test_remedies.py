@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from conflictdb.cli import commands
-from conflictdb.db.store.remedies import REMEDIES
+from conflictdb.store.remedies import REMEDIES
 
 SQL = Path(__file__).resolve().parents[2] / "sql"
 # Parts of hints that only users of SQL can apply.

@@ -11,8 +11,8 @@ import shapely
 from ruled import random_rules, sea, settings_of
 
 from conflictdb import Area, InvalidInput, Scene, Track, solve
+from conflictdb.core.separations import Separations
 from conflictdb.model.rules import Rule, RuleTable
-from conflictdb.stages.separations import Separations
 
 
 def check(seed: int, n: int, width_deg: float, **settings: Any) -> tuple[int, int]:

@@ -10,9 +10,9 @@ import shapely
 from conflictdb import Area, Scene
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.shared_areas import common_area
 from conflictdb.earth.registry import Setup
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.shared_areas import common_area
 
 
 def star(rng: np.random.Generator, lon: float, lat: float, corners: int) -> shapely.MultiPolygon:

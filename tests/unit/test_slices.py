@@ -12,15 +12,15 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.cutting import track_pieces
+from conflictdb.core.stage1_broad_phase import hulls_of
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.plane import Plane, padding_m
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.model.results import Kind
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import track_pieces
-from conflictdb.stages.stage1_broad_phase import hulls_of
 
 # Largest reach of a ring, in paddings, where two of its edges meet (kernel.h).
 FURTHEST = 2.5

@@ -4,8 +4,8 @@ import pytest
 from scenes import T0_US, box, sail
 
 from conflictdb import solve
+from conflictdb.core import stage1_broad_phase
 from conflictdb.model.plans import Area, Scene
-from conflictdb.stages import stage1_broad_phase
 
 MINUTE_US = 60_000_000
 

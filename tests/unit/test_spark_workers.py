@@ -30,17 +30,17 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import COVER, pieces_of
+from conflictdb.core.pieces.digests import area_digests, track_digests
+from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import settings_of as settings_as_json
-from conflictdb.in_memory.questions import solve
+from conflictdb.memory.questions import solve
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, EarthModel, Scene, StoredArea, StoredTrack, Track, rectangle_outline_m
 from conflictdb.spark import cut_objects, solving, work_units
 from conflictdb.spark.work_units import Cells, two_blocks
-from conflictdb.stages.pieces.covers import COVER, pieces_of
-from conflictdb.stages.pieces.digests import area_digests, track_digests
-from conflictdb.stages.stage1_broad_phase import candidates
 
 Objects = tuple[Scene, list[Area], list[Track]]
 THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)]

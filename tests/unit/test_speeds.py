@@ -24,10 +24,10 @@ from conflictdb import (
     solve,
     speeds,
 )
+from conflictdb.core import delays as stage_of_delays
+from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.pieces import covers
 from conflictdb.model.rules import Rule
-from conflictdb.stages import delays as stage_of_delays
-from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.pieces import covers
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000

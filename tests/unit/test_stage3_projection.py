@@ -9,10 +9,10 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.published.stage3_projection import windows
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.published.stage3_projection import windows
 
 
 def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, Pairs]:

@@ -14,12 +14,12 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.cutting import area_pieces, track_pieces
+from conflictdb.core.published import linear_program, nonlinear_program
+from conflictdb.core.published.encounters import Encounters
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
 from conflictdb.model.results import Verdict
-from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.published import linear_program, nonlinear_program
-from conflictdb.stages.published.encounters import Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 SCENE = Scene("s", earth=EarthModel.SPHERE)

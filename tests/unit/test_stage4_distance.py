@@ -16,13 +16,13 @@ from staged import still
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.stage4.constants import TOUCH_M
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.meeting import distances
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Motion, Scene
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage4.constants import TOUCH_M
 
 SCENE = Scene("sphere", earth=EarthModel.SPHERE)
 SPHERE = Setup.of(SCENE).plane

@@ -13,10 +13,10 @@ from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, 
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
+from conflictdb.core.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, contacts
 from conflictdb.kernel import Questions, Work
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
-from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, contacts
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 

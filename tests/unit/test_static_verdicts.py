@@ -5,10 +5,10 @@ import scenes
 import shapely
 from staged import Staged
 
+from conflictdb.core.stage4.constants import TOUCH_M
+from conflictdb.core.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Scene
-from conflictdb.stages.stage4.constants import TOUCH_M
-from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
 
 APART = -1
 

@@ -28,17 +28,17 @@ from conflictdb import (
     solve,
     speeds,
 )
-from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.client.advise import advise
+from conflictdb.core import run
+from conflictdb.core.delays import solved_shifts
+from conflictdb.core.ends_of_uses import ends_of
+from conflictdb.core.near import Memory
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.cutting import track_pieces
+from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.model.rules import Rule
-from conflictdb.stages import run
-from conflictdb.stages.delays import solved_shifts
-from conflictdb.stages.ends_of_uses import ends_of
-from conflictdb.stages.near import Memory
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import track_pieces
-from conflictdb.stages.run import run_scene
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000
@@ -273,7 +273,7 @@ def test_a_pair_is_free_if_its_parts_are(monkeypatch: pytest.MonkeyPatch) -> Non
         row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
         return row, found
 
-    monkeypatch.setattr("conflictdb.stages.uses_of_tracks._solved", solved)
+    monkeypatch.setattr("conflictdb.core.uses_of_tracks._solved", solved)
     late = replace(NEAR, time_separation_s=30.0)
     [found] = delays([ACROSS, LINE], [], late, ACROSS.key, 7200.0)
     assert found.least_later_s is not None
@@ -349,7 +349,7 @@ def test_ends_against_a_proven_contact_leave_the_pair_alone_unresolved(
             ends_s[2:] = ends_s[:1:-1]
         return ends_s, error_s
 
-    monkeypatch.setattr("conflictdb.stages.uses_of_tracks.ends_of", inverted)
+    monkeypatch.setattr("conflictdb.core.uses_of_tracks.ends_of", inverted)
     found = rows(EAST, NORTH, area("here"), time_s=600.0)
     assert len(found) == len(sound) == 3
     for row, before in zip(found, sound, strict=True):
@@ -549,7 +549,7 @@ def test_an_object_that_cannot_be_cut_is_unresolved_with_what_comes_within_that_
             raise ValueError("no")
         return track_pieces(setup, batch)
 
-    monkeypatch.setattr("conflictdb.stages.pieces.covers.track_pieces", cut)
+    monkeypatch.setattr("conflictdb.core.pieces.covers.track_pieces", cut)
     gone = later(NORTH, 2 * HALF_S + 600.0)
     assert rows(EAST, gone, time_s=600.0) == []
     [row] = rows(EAST, gone, time_s=700.0)
@@ -560,7 +560,7 @@ def test_an_object_that_cannot_be_cut_is_unresolved_with_what_comes_within_that_
 def test_times_of_others_do_not_matter_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """With 0 nothing of it runs."""
     for name in ("uses_by_spans", "uses_of_areas", "uses_of_tracks", "as_contacts", "with_wide_areas"):
-        monkeypatch.setattr(f"conflictdb.stages.run.{name}", None)
+        monkeypatch.setattr(f"conflictdb.core.run.{name}", None)
     scene, areas, tracks = throw(LOW_LATITUDE, 1, 6, 6)
     assert len(rows(*areas, *tracks, time_s=0.0, scene=scene)) > 3
 

@@ -14,7 +14,7 @@ from conflictdb import delays, resolve, solve
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.drawing.sketch import Sketch
+from conflictdb.core.pieces.covers import COVER, pieces_of
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
@@ -24,7 +24,7 @@ from conflictdb.kernel import KernelScene
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.model.recurring_plans import later
-from conflictdb.stages.pieces.covers import COVER, pieces_of
+from conflictdb.plot.sketch import Sketch
 
 T0_US = 1_772_323_200_000_000
 SHIP = rectangle_outline_m(150.0, 150.0, 20.0, 20.0)

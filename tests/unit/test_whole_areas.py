@@ -13,13 +13,13 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.cutting import planar
+from conflictdb.core.stage4.contact_search import GRAZING
+from conflictdb.core.whole_areas import deep_in_whole_areas
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.whole import Areas, Depth, whole_depths
 from conflictdb.model.plans import Area, EarthModel, Scene
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import planar
-from conflictdb.stages.stage4.contact_search import GRAZING
-from conflictdb.stages.whole_areas import deep_in_whole_areas
 
 # Two strips of 56 m each, with the equator as their seam.
 SOUTH, NORTH = shapely.box(0.0, -0.0005, 0.1, 0.0), shapely.box(0.0, 0.0, 0.1, 0.0005)

@@ -10,9 +10,9 @@ import pytest
 import shapely
 
 import conflictdb
+from conflictdb.core.world import Reach, World, occupy, touched
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.stages.world import Reach, World, occupy, touched
 
 HOUR_US = 3_600_000_000
 DAY_US = 24 * HOUR_US
@@ -101,4 +101,4 @@ def test_a_question_is_prepared_in_one_place() -> None:
             for line in file.read_text().splitlines()
             if pattern.search(line) and not line.startswith("def ")
         }
-        assert found == {"stages/world.py"}, call
+        assert found == {"core/world.py"}, call

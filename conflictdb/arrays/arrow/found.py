@@ -55,7 +55,7 @@ FOUND: Final = Form.of(
     [pa.field(one.name, _TYPES[one.type], nullable=not one.required or one.name in _MAY_LACK) for one in _COLUMNS],
 )
 # The input of computed conflicts: settings of the scene (JSON) and the number of pairs, the same in all rows, and the
-# state of each object, with a digest of its data (`conflictdb.stages.pieces.digests`).
+# state of each object, with a digest of its data (`conflictdb.core.pieces.digests`).
 COMPUTED: Final = Form.of(
     "computed",
     1,

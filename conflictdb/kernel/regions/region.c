@@ -3,7 +3,7 @@
  * The swept hull of a haven is the convex hull of its positions at both ends of the time, grown by the deviation of the
  * vertices in between (mover_sweep) and by half of the separation.
  *
- * If regions change, raise EDITION of stages/conflict_regions.py: databases then rewrite them.
+ * If regions change, raise EDITION of core/conflict_regions.py: databases then rewrite them.
  */
 #include <stdlib.h>
 

@@ -1,4 +1,4 @@
-// When the heights of two pieces overlap, if either climbs: conflictdb/stages/climbs.py. Heights are [floor at the start of
+// When the heights of two pieces overlap, if either climbs: conflictdb/core/climbs.py. Heights are [floor at the start of
 // the leg, floor at its end, ceiling at the start, ceiling at the end], metres.
 
 const ROUNDING = 32 * 2 ** -52;

@@ -1,4 +1,4 @@
-// A track with a waypoint elsewhere: the pieces of its legs are made anew, as conflictdb/stages/pieces/cutting.py makes them, but
+// A track with a waypoint elsewhere: the pieces of its legs are made anew, as conflictdb/core/pieces/cutting.py makes them, but
 // each leg is one piece; hulls of whole legs cover more, and the contacts are the same.
 
 import { boxes, hullsOf, overlap, taken } from "./what_if.js";

@@ -1,4 +1,4 @@
-// Pairs of pieces of which one is earlier or later: conflictdb/stages/delays.py. A shift is { a, b (rows), aZero, bZero
+// Pairs of pieces of which one is earlier or later: conflictdb/core/delays.py. A shift is { a, b (rows), aZero, bZero
 // (microseconds), aStart, aEnd, bStart, bEnd, least, most (seconds since these) }.
 
 import { climbs, overlapOfLeg, surelyOverlap } from "./climbs.js";

@@ -1,4 +1,4 @@
-// Uses of one place by two pieces within the separation in time: conflictdb/stages/uses.py, uses_of_tracks.py. Instants and
+// Uses of one place by two pieces within the separation in time: conflictdb/core/uses.py, uses_of_tracks.py. Instants and
 // spans are microseconds.
 
 import { CONTACT, DIFFERENCE } from "./kernel.js";

@@ -1,4 +1,4 @@
-// What a track would meet if it departed earlier or later, or went higher or lower: the stages of a detection (conflictdb/stages), on the pieces that
+// What a track would meet if it departed earlier or later, or went higher or lower: the stages of a detection (conflictdb/core), on the pieces that
 // conflictdb/map/what_if.py packs. Instants are microseconds since the base of the pack.
 
 import { overlapAtOneTime } from "./climbs.js";
@@ -337,7 +337,7 @@ export class WhatIf {
     });
   }
 
-  // One conflict of the contacts of two objects, as conflictdb/stages/merge.py merges them.
+  // One conflict of the contacts of two objects, as conflictdb/core/merge.py merges them.
   merged(object, contacts) {
     const doMeet = contacts.some(({ touches }) => touches);
     const told = contacts.filter(({ touches, verdict }) => touches || !doMeet || verdict === CONTACT.UNRESOLVED)

@@ -1,1 +1,0 @@
-"""Estimate the cost and the answers of each method from a sample."""

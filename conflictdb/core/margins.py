@@ -1,0 +1,145 @@
+"""By how much tracks exceed the required separations from everything else, as planned."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays import Floats
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.climbs import overlap_at_one_time
+from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.pieces.covers import is_covered, pieces_of
+from conflictdb.core.separations import Separations
+from conflictdb.core.stage1_broad_phase import hulls_of, pairs_together
+from conflictdb.core.stage4.closest_approach import Approaches, approaches
+from conflictdb.core.uses import with_wide_areas
+from conflictdb.core.uses_of_tracks import least_reach
+from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import MAX_DISTANCE_M, Scene
+from conflictdb.model.results import Kind
+
+# Distances are computed to this, metres.
+_AIM_M: Final = 1e-3
+# Tracks whose pairs are solved at once: their pairs fit into memory.
+_AT_ONCE: Final = 200
+
+
+def widened(scene: Scene, within_m: float) -> Scene:
+    """Return settings whose pieces meet all pieces of a scene that come within a distance."""
+    # Hulls are padded by half of their reach, those of the scene perhaps by nothing.
+    reach_m = max(2.0 * within_m, scene.nearest_m)
+    return replace(scene, method=Method.EXACT, nearest_m=min(reach_m, MAX_DISTANCE_M))
+
+
+def least_margins(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
+    """Return by how much tracks (n,) exceed the required separation of each pair, and the errors, metres.
+
+    Pairs share time, or come within the separation in time, and heights. The true margin is within the error. Beyond
+    `within_m` it is infinite; where it could not be computed, the error is infinite.
+
+    setup : which the pieces were made with
+    pieces : of all objects
+    """
+    tree, number = shapely.STRtree(hulls_of(pieces)), object_numbers(pieces)
+    largest_m = setup.scene.largest_separation_m + within_m
+    mine = pieces_of(setup.under(widened(setup.scene, largest_m)), AreaBatch.of([]), tracks)
+    order = np.argsort(tracks.track_id)
+    owner = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
+    separations = Separations.of(setup.scene)
+    parts = [
+        _of_some(setup.plane, separations, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
+        for first in range(0, max(len(tracks), 1), _AT_ONCE)
+        for rows in [np.flatnonzero((first <= owner) & (owner < first + _AT_ONCE))]
+    ]
+    margin_m, error_m = (np.concatenate(some)[: len(tracks)] for some in zip(*parts, strict=True))
+    return margin_m, error_m
+
+
+def _of_some(
+    plane: Plane,
+    separations: Separations,
+    tree: shapely.STRtree,
+    number: NDArray[np.int64],
+    pieces: Pieces,
+    mine: Pieces,
+    owner: NDArray[np.int64],
+    within_m: float,
+) -> tuple[Floats, Floats]:
+    """Return least margins of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
+    row, other = tree.query(hulls_of(mine))
+    others = object_numbers(mine)[row] != number[other]
+    both = Pieces.concatenate([mine, pieces])
+    within_us = max(settings.time_separation_us for settings in separations.settings)
+    a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]), within_us)
+    near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
+    a, b = PieceRows(a[near]), PieceRows(b[near])
+    if (separations.of_types == 0).all():
+        return _of_pairs(plane, separations.settings[0], both, a, b, owner, within_m)
+    found = []
+    for settings in separations.settings:
+        few = np.flatnonzero(separations.have(settings, both, a, b))
+        own = separations.of_settings(settings, both)
+        one, other = PieceRows(a[few]), PieceRows(b[few])
+        one, other = pairs_together(own, one, other, settings.time_separation_us)
+        found.append(_of_pairs(plane, settings, own, one, other, owner, within_m))
+    margins_m, errors_m = (np.array(some) for some in zip(*found, strict=True))
+    least_m = margins_m.min(axis=0)
+    lowest_m, highest_m = (margins_m - errors_m).min(axis=0), (margins_m + errors_m).min(axis=0)
+    with np.errstate(invalid="ignore"):
+        error_m = np.maximum(least_m - lowest_m, highest_m - least_m)
+    return least_m, np.where(np.isinf(least_m), 0.0, error_m)
+
+
+def _of_pairs(
+    plane: Plane,
+    settings: Scene,
+    pieces: Pieces,
+    a: PieceRows,
+    b: PieceRows,
+    owner: NDArray[np.int64],
+    within_m: float,
+) -> tuple[Floats, Floats]:
+    """Return least margins of tracks in pairs of one required separation, and the errors."""
+    limit_m, within_us = settings.separation_m + within_m, settings.time_separation_us
+    covered = is_covered(pieces, a, b)
+    # A track and another one may be at one place at two times, an area is there for longer.
+    of_tracks = ~covered & (pieces.kind[b] == Kind.TRACK.code) & (within_us > 0)
+    one, other = (PieceRows(member[~covered & ~of_tracks]) for member in (a, b))
+    lasting = with_wide_areas(pieces, within_us) if within_us else pieces
+    found = _closest(plane, lasting, one, other, owner[one], limit_m)
+    is_unknown = np.isnan(found.distance_m)
+    is_unknown[owner[a[covered]]] = True
+    distance_m = np.where(is_unknown, 0.0, found.distance_m)
+    error_m = np.where(is_unknown, np.inf, np.where(np.isinf(distance_m), 0.0, found.error_m))
+    if of_tracks.any():
+        one, other = PieceRows(a[of_tracks]), PieceRows(b[of_tracks])
+        low_m, high_m = distance_m - error_m, distance_m + error_m
+        prepared = kernel.KernelScene(plane.kernel_plane, pieces, one, other)
+        for track in np.unique(owner[one]).tolist():
+            rows = np.flatnonzero(owner[one] == track)
+            own = least_reach(prepared, PieceRows(one[rows]), PieceRows(other[rows]), within_us, limit_m, _AIM_M)
+            low_m[track], high_m[track] = min(low_m[track], own[0]), min(high_m[track], own[1])
+        is_open = np.isinf(high_m) & np.isfinite(low_m)
+        with np.errstate(invalid="ignore"):
+            distance_m = np.where(is_open, low_m, 0.5 * (low_m + high_m))
+            error_m = np.where(is_open, np.inf, np.where(np.isinf(low_m), 0.0, 0.5 * (high_m - low_m)))
+    return np.where(distance_m > limit_m, np.inf, distance_m - settings.separation_m), error_m
+
+
+def _closest(
+    plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows, track: NDArray[np.int64], within_m: float
+) -> Approaches:
+    first, last, _ = overlap_at_one_time(pieces, a, b)
+    meet = np.flatnonzero(first <= last)
+    a, b, track = PieceRows(a[meet]), PieceRows(b[meet]), track[meet]
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
+    at_all_times = np.maximum(first[meet], 0.0), last[meet]
+    limits = np.full(_AT_ONCE, within_m), np.full(_AT_ONCE, _AIM_M)
+    return approaches(prepared, a, b, *at_all_times, track, *limits, kernel.Work())

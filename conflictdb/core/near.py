@@ -1,0 +1,304 @@
+"""Which pairs of pieces may meet: one question (`Question`), put to a source of pairs (`PairSource`).
+
+`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`Stored` of `db.sources`).
+`Together` has given plans beside others.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Final, NamedTuple, Protocol, Self
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays.distinct import distinct
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.members import Member, Members
+from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.core.separations import Separations
+from conflictdb.core.stage1_broad_phase import candidates, hulls_of, pairs_together, rows_of
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, may_meet
+from conflictdb.kernel.bundles import boxes_of
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+
+_Ints = NDArray[np.int64]
+
+# In place of infinity: beyond all differences of instants.
+FOREVER_US: Final = 2**61
+# Pieces of tracks whose candidates are looked up at once: their pairs fit into memory.
+_AT_ONCE: Final = 20_000
+_NO_OBJECTS: Final = AreaBatch.of([]), TrackBatch.of([])
+
+
+class Question(NamedTuple):
+    """Which pairs of pieces are asked for; by default all that share time, heights and place.
+
+    mine : (m,) one of these is in each pair; None: any two
+    earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
+    each_way : also the mirror images of pairs of which both are mine
+    any_height : pairs need not share heights
+    within_m : pairs come this near, metres, beyond the separation that their hulls are padded for
+    """
+
+    mine: _Ints | None = None
+    earlier_us: int | _Ints = 0
+    later_us: int | _Ints = 0
+    each_way: bool = False
+    any_height: bool = False
+    within_m: float = 0.0
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self:
+        """Return the question of a detection: within the largest separation in time."""
+        return cls(earlier_us=scene.longest_time_us, later_us=scene.longest_time_us)
+
+    @classmethod
+    def shifted(cls, mine: _Ints, most_us: int | _Ints, *, each_way: bool = False) -> Self:
+        """Return that of pieces that are up to `most_us` earlier or later, one or (m,)."""
+        return cls(mine, most_us, most_us, each_way)
+
+    @property
+    def within_us(self) -> int:
+        """How far apart in time two pieces may be; of a question about any two."""
+        return int(np.maximum(self.earlier_us, self.later_us))
+
+
+class Chunk(NamedTuple):
+    """Pieces, and pairs of them (a, b), as stage 1 leaves them.
+
+    candidate_pairs : number of pairs that stage 1 left, if the source has run stage 2 since (a, b may still contain
+        pairs whose hulls are at most a micrometre apart); None: count a, b
+    stage2_s : seconds of the source's stage 2
+    share : about which share of all pairs is found with this chunk; None: unknown
+    """
+
+    pieces: Pieces
+    a: PieceRows
+    b: PieceRows
+    candidate_pairs: int | None = None
+    stage2_s: float = 0.0
+    share: float | None = 1.0
+
+
+class PairSource(Protocol):
+    """Stage 1 of a scene whose pieces exist: in a database, in memory or elsewhere."""
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Yield the pairs of pieces (a, b) that a question asks for, in chunks of pieces and pairs.
+
+        All pairs of the same two objects are in one chunk, because they become one row. Otherwise chunks are of any
+        size that fits the memory. Only answers stay in memory after a chunk.
+        """
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Return the footprints (n,) of whole areas, shapely geometries in degrees; empty if an area was removed.
+
+        Called while a chunk is solved.
+        """
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Return tracks with tolerances by id, in any order, without those that were removed.
+
+        Called while a chunk is solved.
+        """
+
+
+class Memory:
+    """All pieces (n,) of a scene, whose objects are numbered as in their batches.
+
+    only : only pairs with these settings, of these separations, are returned; None: all pairs
+    """
+
+    def __init__(
+        self,
+        pieces: Pieces,
+        batches: tuple[AreaBatch, TrackBatch] = _NO_OBJECTS,
+        only: tuple[Separations, Scene] | None = None,
+    ) -> None:
+        self.pieces, self._batches, self._only = pieces, batches, only
+
+    @cached_property
+    def number(self) -> _Ints:
+        """The objects of pieces (n,), by number (`object_numbers`)."""
+        return object_numbers(self.pieces)
+
+    @cached_property
+    def _hulls(self) -> NDArray[np.object_]:
+        return hulls_of(self.pieces)
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(self._hulls)
+
+    @cached_property
+    def _spans_us(self) -> tuple[_Ints, _Ints]:
+        """The spans of pieces, finite: unbounded ones, too, fit into 64 bits when they are subtracted."""
+        return np.maximum(self.pieces.start_us, -FOREVER_US), np.minimum(self.pieces.end_us, FOREVER_US)
+
+    def parts(self, scene: Scene) -> "list[tuple[Scene, Memory]]":
+        """Return the settings of a scene's pairs, and these pieces for the pairs that have them."""
+        if self._only is not None or not (scene.rules or self.pieces.owner_number.any()):
+            return [(scene, self)]
+        separations, parts = Separations.of(scene), []
+        for one in separations.settings:
+            part = Memory(separations.of_settings(one, self.pieces), self._batches, (separations, one))
+            # Places, times and objects are the same.
+            part.number, part._hulls, part._tree, part._spans_us = self.number, self._hulls, self._tree, self._spans_us
+            parts.append((one, part))
+        return parts
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Implement `PairSource`."""
+        pieces = self.pieces
+        if question.mine is None and pieces.turn.any():
+            # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
+            # reported.
+            pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, self.number)))
+            a, b = candidates(pieces.meeting_within(question.within_us))
+        else:
+            a, b = self.rows(question)
+        number = object_numbers(pieces)
+        for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
+            yield Chunk(pieces, PieceRows(a[rows]), PieceRows(b[rows]))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        return self._batches[0].footprint[area_ids]
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        return self._batches[1].take(track_ids)
+
+    def rows(self, question: Question) -> tuple[PieceRows, PieceRows]:
+        """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps."""
+        if question.mine is None:
+            return candidates(self.pieces.meeting_within(question.within_us))
+        pieces, number, mine = self.pieces, self.number, question.mine
+        start_us, end_us = self._spans_us
+        # Their ends belong to them.
+        every = replace(rows_of(pieces), start_us=start_us, end_us=end_us, end_inclusive=None)
+        earliest_us, latest_us = start_us[mine] - question.earlier_us, end_us[mine] + question.later_us
+        moved = replace(every.take(mine), start_us=earliest_us, end_us=latest_us)
+        is_mine = np.zeros(len(pieces), np.bool_)
+        is_mine[mine] = not question.each_way
+        nothing = np.empty(0, np.int64)
+        found = [(nothing, nothing)]
+        for first in range(0, len(mine), _AT_ONCE):
+            rows = mine[first : first + _AT_ONCE]
+            row, b = self._tree.query(self._hulls[rows])
+            a, row = rows[row], first + row
+            keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
+            keep &= may_meet(moved, row, b, others=every)
+            a, b = PieceRows(a[keep]), PieceRows(b[keep])
+            if self._only is not None:
+                few = self._only[0].have(self._only[1], pieces, a, b)
+                a, b = PieceRows(a[few]), PieceRows(b[few])
+            met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
+            found.append((a[met], b[met]))
+        a, b = (np.concatenate(some) for some in zip(*found, strict=True))
+        return PieceRows(a), PieceRows(b)
+
+
+class Together:
+    """Pieces of given plans with those of others: pairs whose boxes meet, collected; of one owner none is kept.
+
+    named : key and name of each object, by kind and number, once there are pairs
+    """
+
+    def __init__(self, mine: Members) -> None:
+        self._members = list(mine.each)
+        self._pieces, self._of = [mine.pieces], [mine.of]
+        self._a: list[NDArray[np.int64]] = []
+        self._b: list[NDArray[np.int64]] = []
+        self._count = len(mine.pieces)
+        self._by_number: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
+        self.named: dict[tuple[int, int], tuple[str, str | None]] = {}
+
+    def add_among(self, boxes: RowBoxes) -> None:
+        """Add pairs of the first objects with each other; boxes : of their pieces."""
+        if len(self._members) > 1:
+            first, second = BoxTree(boxes).pairs(boxes)
+            once = self._of[0][first] < self._of[0][second]
+            self._a.append(first[once])
+            self._b.append(second[once])
+
+    def add(
+        self,
+        pieces: Pieces,
+        of: NDArray[np.integer[Any]],
+        describe: Callable[[int], Member],
+        first: NDArray[np.int64],
+        second: NDArray[np.int64],
+    ) -> None:
+        """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
+        if not len(second):
+            return
+        rows, place = distinct(second)
+        numbers, of_row = distinct(of[rows])
+        self._a.append(first)
+        self._b.append(place + self._count)
+        self._pieces.append(pieces.take(rows))
+        self._of.append(of_row + len(self._members))
+        self._members += [describe(k) for k in numbers.tolist()]
+        self._count += len(rows)
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Implement `PairSource`: numbered by key, seam copies beside their originals, and the smaller number first.
+
+        So does `solve`, whose answer may depend on it in the last digits.
+        """
+        if not self._a:
+            return
+        a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
+        others = of[a] != of[b]
+        a, b = a[others], b[others]
+        ids = np.empty(len(self._members), np.int64)
+        self._by_number = {kind: [] for kind in Kind}
+        for kind in Kind:
+            rows = [k for k, one in enumerate(self._members) if one.kind is kind]
+            for number, k in enumerate(sorted(rows, key=lambda k: self._members[k].key.encode())):
+                one = self._members[k]
+                ids[k], self.named[kind.code, number] = number, (one.key, one.name)
+                self._by_number[kind].append(one)
+        pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
+        numbers = object_numbers(pieces)
+        order = np.lexsort((-pieces.turn, pieces.part, numbers))
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        is_first = numbers[a] < numbers[b]
+        pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
+        a, b = pairs_together(pieces, PieceRows(a), PieceRows(b), question.within_us)
+        numbers = numbers[order]
+        order = np.lexsort((b, a))
+        a, b = a[order], b[order]
+        for some in chunks_of_objects(numbers[a], numbers[b], DEFAULT_MEMORY.pairs):
+            yield Chunk(pieces, PieceRows(a[some]), PieceRows(b[some]))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        found = np.empty(len(area_ids), dtype=object)
+        found[:] = [self._by_number[Kind.AREA][number].footprint for number in area_ids.tolist()]
+        return found
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        found = _NO_OBJECTS[1]
+        for number in track_ids.tolist():
+            plan = self._by_number[Kind.TRACK][number].plan
+            found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
+        return found
+
+
+def boxes_within(within_us: int, pieces: Pieces) -> RowBoxes:
+    """Return the boxes of pieces, each a row, that meet if they are at most `within_us` apart in time."""
+    spans = pieces.meeting_within(within_us)
+    bands = pieces.floor_m, pieces.ceiling_m
+    return RowBoxes(
+        boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
+    )

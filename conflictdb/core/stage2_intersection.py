@@ -1,0 +1,30 @@
+"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1).
+
+The client's form of `sql/21_stage2_intersection.sql`; it also confirms the pairs that come from there.
+"""
+
+import numpy as np
+import shapely
+
+from conflictdb import kernel
+from conflictdb.arrays.pairs import Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.core.stage1_broad_phase import hulls_of
+from conflictdb.model.results import Kind
+
+
+def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) -> Pairs:
+    """Return the candidates (a, b) whose hulls meet, in their order.
+
+    regions : whether to compute the regions in which they do; of pairs of areas nobody asks for them
+    """
+    met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
+    a, b = PieceRows(a[met]), PieceRows(b[met])
+    if not regions:
+        return Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
+    moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
+    region = np.full(len(a), None, dtype=object)
+    hulls = hulls_of(pieces)
+    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
+    xy, owner = shapely.get_coordinates(region, return_index=True)
+    return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))

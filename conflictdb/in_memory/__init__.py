@@ -1,1 +1,0 @@
-"""Questions about objects in memory, without a database: the same answers."""

@@ -1,0 +1,323 @@
+"""Provide the candidate pairs of a scene of the database: stage 1 and the pieces of its rows.
+
+If many objects changed and the boxes of all rows fit the memory, rows are joined here. Otherwise the database joins
+them through its index. If few pieces are involved, it also runs stage 2.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb import store
+from conflictdb.arrays.object_numbers import kinds_and_ids
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.core.memory import DEFAULT_MEMORY, Memory
+from conflictdb.core.near import Chunk, Question
+from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.core.separations import NEVER, Separations
+from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
+from conflictdb.kernel.bundles import bundled_pairs
+from conflictdb.model.plans import Area, Track
+
+# Read bundles by id; also return the rank of each piece in object order.
+Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]
+
+# Pairs of pieces compared per pair requested: about one in forty overlaps.
+_LOOKED_AT: Final = 16
+# Up to this many pairs of pieces of overlapping rows, stage 2 runs in the database, which then sends fewer pieces. In a
+# sea of 5,000 objects a changed track has 200 pairs (median), which take 0.5 ms there; 96 % of the tracks are below.
+MOST_COMPARED: Final = 1_000
+# More than an object has parts: a number for a row and a part of it.
+_MOST_PARTS: Final = 2**32
+# Object number of a plan beside a scene; the database counts from 1.
+PLAN: Final = 0
+# FewStored reads at most this fraction of the pairs that would fit: rows may contain many pieces.
+_SHARE_OF_FEW: Final = 8
+
+
+class Stored:
+    """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
+
+    meanwhile : called after each read of pieces, when the database is idle until they are solved
+    separations : of the scene; None: all pairs are compared
+    """
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        memory: Memory = DEFAULT_MEMORY,
+        meanwhile: Callable[[], None] = lambda: None,
+        separations: Separations | None = None,
+    ) -> None:
+        self._conn, self.scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
+        self._separations = separations
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
+
+        It returns them if many objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
+        """
+        within_us = question.within_us
+        ids, pieces, boxes, numbers, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
+        boxes = boxes.meeting_within(within_us)
+        if not len(ids):
+            for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
+                for chunk in pairs_of_rows(found, self._read, self._memory, within_us):
+                    yield chunk._replace(share=None)
+            return
+        memory = self._memory.beside(len(ids))
+        joined_rows = self._joined(ids, pieces, boxes, numbers, marks, memory.pairs)
+        if pieces.sum() > memory.pieces or not marks.are_all():
+            for found in joined_rows:
+                for chunk in pairs_of_rows(found, self._read, memory, within_us):
+                    yield chunk._replace(share=found.share)
+            return
+        bundles, place = self._read(ids)
+        for found in joined_rows:
+            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, within_us):
+                yield chunk._replace(share=found.share)
+
+    def _joined(
+        self,
+        ids: NDArray[np.int64],
+        pieces: NDArray[np.int64],
+        boxes: RowBoxes,
+        numbers: store.Numbers,
+        marks: store.Marks,
+        at_once: int,
+    ) -> Iterator[store.Candidates]:
+        """Yield `joined` rows without pairs that are not compared, or that no mark concerns."""
+        by_id = np.argsort(ids)
+        kind, (classes, owners) = kinds_and_ids(boxes.object)[0], numbers
+        for found in joined(ids, pieces, boxes, at_once):
+            a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b))
+            keep = marks.are_dirty(a, b)
+            if self._separations is not None:
+                of = (kind[a], kind[b]), (classes[a], classes[b]), (owners[a], owners[b])
+                keep &= self._separations.of_pairs(*of) != NEVER
+            if keep.any():
+                yield found if keep.all() else found.take(np.flatnonzero(keep))
+
+    def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
+        found = store.bundles(self._conn, self.scene_id, ids)
+        self._meanwhile()
+        return found
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        return store.footprints(self._conn, area_ids)
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        return store.seen_tracks(self._conn, self.scene_id, track_ids.tolist())
+
+
+class FewStored(Stored):
+    """The pieces of few changed objects, which it stores, and all they may meet.
+
+    srid : of the scene's plane
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    """
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        memory: Memory,
+        srid: int,
+        pieces: Pieces,
+        most_compared: int = MOST_COMPARED,
+        separations: Separations | None = None,
+    ) -> None:
+        super().__init__(conn, scene_id, memory, separations=separations)
+        self._srid, self._pieces, self._most_compared = srid, pieces, most_compared
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Store the pieces, and yield their pairs."""
+        if not len(self._pieces):
+            return
+        # One more than fits shows that there are too many.
+        most = self._memory.pairs // _SHARE_OF_FEW + 1
+        met = store.put_pieces(self._conn, self.scene_id, self._srid, self._pieces, most, self._most_compared)
+        if met.parts is not None:
+            chunk = pairs_of_parts(met.bundles, met.place, met.a, met.b, met.parts)
+            yield chunk._replace(candidate_pairs=met.candidate_pairs, stage2_s=met.stage2_s)
+        elif len(met.a) < most:
+            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs, question.within_us)
+        else:
+            del met
+            yield from super().pairs(question)
+
+
+class PlanBeside(Stored):
+    """The pieces of one plan, and those of a scene that they may meet, as a source of pairs.
+
+    replaced : the key of an object that is left out
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    """
+
+    def __init__(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        plan: Area | Track,
+        replaced: str | None,
+        pieces: Pieces,
+        memory: Memory,
+        most_compared: int = MOST_COMPARED,
+    ) -> None:
+        super().__init__(conn, scene_id, memory)
+        self._most_compared = most_compared
+        self._plan, self._replaced, self._pieces = plan, replaced, pieces
+
+    def pairs(self, question: Question) -> Iterator[Chunk]:
+        """Yield the pairs of the plan with the scene."""
+        within_us = question.within_us
+        longer = self._pieces.longer(within_us, within_us)
+        near, parts = store.pieces_meeting(self._conn, self.scene_id, longer, self._replaced, self._most_compared)
+        if not len(near):
+            return
+        if parts is not None:
+            yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
+        else:
+            yield from pairs_of_rows(near, self._with_plan, self._memory, within_us)
+
+    def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
+        """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
+        others, place = store.bundles(self._conn, self.scene_id, ids[ids >= 0])
+        n = len(self._pieces)
+        plan = replace(self._pieces, piece_id=-1 - np.arange(n))
+        every = Bundles.concatenate([Bundles.of_each(plan), others])
+        order = np.lexsort((np.append(np.arange(n) - n, place), every.pieces.kind))
+        places = np.empty(len(order), np.int64)
+        places[order] = np.arange(len(order))
+        return every, places
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        """Implement `PairSource`."""
+        found = super().footprints(area_ids)
+        if isinstance(self._plan, Area):
+            found[area_ids == PLAN] = self._plan.footprint
+        return found
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        found = store.some_tracks(self._conn, self.scene_id, track_ids[track_ids != PLAN].tolist())
+        if isinstance(self._plan, Area) or self._plan.tolerances is None:
+            return found
+        return found.followed_by(replace(TrackBatch.of([self._plan]), track_id=np.array([PLAN])))
+
+
+def joined(
+    ids: NDArray[np.int64], pieces: NDArray[np.int64], boxes: RowBoxes, at_once: int
+) -> Iterator[store.Candidates]:
+    """Yield the result of `store.candidates` for rows of pieces, joined here."""
+    order = near_order(boxes)
+    ids, pieces, boxes = ids[order], pieces[order], boxes.take(order)
+    # Order by the place of the first object, so that pairs of a chunk share pieces.
+    _, first, number = np.unique(boxes.object, return_index=True, return_inverse=True)
+    place = np.empty(len(first), np.int64)
+    place[np.argsort(first)] = np.arange(len(first))
+    found: store.Candidates | None = None
+    for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once):
+        if found is not None:
+            yield found
+        first_place = place[number[a]]
+        objects = first_place * len(place) + number[b]
+        together = np.argsort(objects, kind="stable")
+        a, b = a[together], b[together]
+        share = float(first_place.max() + 1) / len(place)
+        found = store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together], share)
+    if found is not None:
+        # Further objects may have no pairs.
+        yield replace(found, share=1.0)
+
+
+def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory, within_us: int) -> Iterator[Chunk]:
+    """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
+    for some in _readable(found, memory.pieces):
+        bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
+        yield from _pairs_of(bundles, place, some.a, some.b, memory.pairs, within_us)
+
+
+def pairs_of_parts(
+    bundles: Bundles, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], parts: store.Parts
+) -> Chunk:
+    """Return pairs of pieces that the database has found, by the ids of their rows and their parts."""
+    ids, row = np.unique(bundles.pieces.piece_id, return_inverse=True)
+    # Parts count from -1.
+    number = row * _MOST_PARTS + bundles.pieces.part
+    by_number = np.argsort(number)
+    rows = (
+        by_number[np.searchsorted(number, np.searchsorted(ids, of) * _MOST_PARTS + part, sorter=by_number)]
+        for of, part in zip((a, b), parts, strict=True)
+    )
+    return _in_order(bundles.pieces, place, *rows)
+
+
+def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
+    """Yield pairs of rows that have at most `most` pieces, or belong to the same two objects."""
+    _, first = np.unique(np.concatenate([found.a, found.b]), return_index=True)
+    between = np.flatnonzero(found.objects[1:] != found.objects[:-1]) + 1
+    if not between.size or np.concatenate([found.a_pieces, found.b_pieces])[first].sum() <= most:
+        yield found
+        return
+    middle = int(between[np.argmin(np.abs(between - len(found) // 2))])
+    yield from _readable(found.take(slice(0, middle)), most)
+    yield from _readable(found.take(slice(middle, len(found))), most)
+
+
+def _pairs_of(
+    bundles: Bundles,
+    place: NDArray[np.int64],
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    at_once: int,
+    within_us: int,
+) -> Iterator[Chunk]:
+    """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk."""
+    pieces, size = bundles.pieces, np.diff(bundles.offset)
+    bundles = replace(bundles, pieces=pieces.meeting_within(within_us))
+    first = bundles.offset[:-1]
+    ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
+    by_id = np.argsort(ids)
+    a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (a, b))
+    # One number sorts in a third of the time of two.
+    _, object_rank = np.unique(number, return_inverse=True)
+    order = np.argsort(object_rank[a] * len(ids) + object_rank[b], kind="stable")
+    a, b = a[order], b[order]
+    looked_at = np.cumsum(size[a] * size[b])
+    ends = np.append(np.flatnonzero((number[a][1:] != number[a][:-1]) | (number[b][1:] != number[b][:-1])) + 1, len(a))
+    start, met, waiting = 0, 0, []
+    while start < len(a):
+        before = int(looked_at[start - 1]) if start else 0
+        fits = int(np.searchsorted(looked_at[ends - 1], before + _LOOKED_AT * at_once, side="right")) - 1
+        end = int(ends[max(fits, int(np.searchsorted(ends, start, side="right")))])
+        waiting.append(bundled_pairs(bundles, a[start:end], b[start:end]))
+        met, start = met + len(waiting[-1][0]), end
+        if met >= at_once or start == len(a):
+            rows_a, rows_b = (np.concatenate(some) for some in zip(*waiting, strict=True))
+            numbers = object_numbers(pieces)
+            for rows in chunks_of_objects(numbers[rows_a], numbers[rows_b], at_once):
+                yield _in_order(pieces, place, rows_a[rows], rows_b[rows])
+            met, waiting = 0, []
+
+
+def _in_order(pieces: Pieces, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> Chunk:
+    """Return the pieces in pairs, ordered by rank, and the pairs in an order that follows from the ranks."""
+    is_used = np.zeros(len(pieces), np.bool_)
+    is_used[a] = is_used[b] = True
+    used = np.flatnonzero(is_used)
+    used = used[np.argsort(place[used])]
+    row = np.empty(len(pieces), np.int64)
+    row[used] = np.arange(len(used))
+    a, b = np.minimum(row[a], row[b]), np.maximum(row[a], row[b])
+    # No pair comes twice.
+    order = np.argsort(a * len(pieces) + b)
+    return Chunk(pieces.take(used), PieceRows(a[order]), PieceRows(b[order]))

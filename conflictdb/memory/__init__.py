@@ -1,0 +1,1 @@
+"""Without a database: `solve`, delays, speeds, chances and `Index`; clear a scene, with proof."""

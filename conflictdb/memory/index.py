@@ -1,0 +1,422 @@
+"""Compare plans with many others in memory, one question at a time (`Index`): no database, the answer of `solve`.
+
+Boxes are kept in trees of the kernel, each at least twice as large as the next (the logarithmic method: J. L. Bentley,
+J. B. Saxe, J. Algorithms 1 (1980), doi:10.1016/0196-6774(80)90015-2). A plan that is put makes a small tree; trees that
+come too close in size are merged. A tree never changes, so questions need no lock.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
+from operator import attrgetter
+from typing import Any, Final, NamedTuple, Self
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.conflicts_between import conflicts_of
+from conflictdb.core.members import Member, Members, Plan, by_kind
+from conflictdb.core.near import Together, boxes_within
+from conflictdb.core.world import World, has_schedules, horizon, hull, touched
+from conflictdb.earth.registry import Setup
+from conflictdb.errors import InvalidInput
+from conflictdb.kernel.boxes import BoxTree, HeldBoxes
+from conflictdb.memory.questions import Objects
+from conflictdb.model import inputs
+from conflictdb.model.limits import Limits
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import Window
+from conflictdb.model.results import Conflict, Results
+from conflictdb.model.rules import check_word
+
+_NO_TRACKS: Final = TrackBatch.of([])
+# The fields of plans that count.
+_AREA_FIELDS, _TRACK_FIELDS = (
+    attrgetter(*(one.name for one in fields(kind) if one.name != "properties")) for kind in (Area, Track)
+)
+
+
+class Index:
+    """Plans in memory that others are compared with; safe to use from several threads.
+
+    The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
+
+    scene : the settings; a centre that great circles need follows from the first plans if it is not given
+    max_vertices : most points of an area, also those that close its rings, or waypoints of a track; None: 1,000,000
+    max_days_ahead : days from now until which a plan must end; None: no limit, plans without times are accepted
+    """
+
+    def __init__(
+        self, scene: Scene | None = None, *, max_vertices: int | None = None, max_days_ahead: float | None = None
+    ) -> None:
+        if not isinstance(scene, Scene | None):
+            raise InvalidInput("Index", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+        if max_vertices is not None:
+            inputs.count("Index", "max_vertices", max_vertices, 1)
+        if max_days_ahead is not None:
+            inputs.days("Index", "max_days_ahead", max_days_ahead)
+        self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
+        self._scene = scene or Scene("in memory")
+        self._lock = threading.Lock()
+        self._owners: dict[_Name, _Owner] = {}
+        self._owner_of: dict[str, _Owner] = {}
+        self._state = _State()
+        # When plans without a schedule may touch anything, and over which time schedules are expanded.
+        self._touched: Window | None = None
+        self._window: Window | None = None
+        # What the last probe of plans beyond that time was compared with.
+        self._extra: _Extra | None = None
+        self._cut = _LastCut()
+
+    @property
+    def scene(self) -> Scene:
+        """The settings, with the centre once there is one."""
+        return self._scene
+
+    def __len__(self) -> int:
+        """Return the number of plans."""
+        return len(self._owner_of)
+
+    def put(self, plans: Plan | Sequence[Plan], owner: str | None = None, *, replace: Sequence[str] = ()) -> None:
+        """Add the plans of an owner, in place of those it had.
+
+        Parameters
+        ----------
+        plans : Area or Track, or a sequence of them
+        owner : str, optional
+            By default each plan is its own owner, named by its key.
+        replace : sequence of str
+            Keys of plans without an owner that plans of the same key may replace.
+
+        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane or the limits, and for
+        keys that occur twice, belong to another owner, or are of a plan that `replace` does not name.
+        """
+        given = listed("put", plans)
+        check_word("put", "owner", owner)
+        replaceable = inputs.keys("put", "replace", replace)
+        self._limits.check(given)
+        with self._lock:
+            world = self._put_world(given)
+            self._scene = world.setup.scene
+        mine = self._cut.members(world, given)
+        names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
+        # Plans that are their own owners may state another, as in a scene.
+        stated = [one.owner if owner is None else owner for one in given]
+        owners = {name: _Owner(name, of) for name, of in zip(names, stated, strict=True)}
+        objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
+        for item in objects:
+            item.owner.keys.append(item.plan.key)
+        added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
+        with self._lock:
+            # Plans that are their own owners may take the place of several owners.
+            former = {name: self._owners[name] for name in names if name in self._owners}
+            for one, of in zip(given, stated, strict=True):
+                known = self._owner_of.get(one.key)
+                if known is None or (owner is not None and known.name == _Name(owner)):
+                    continue
+                if not known.name.is_key or known.stated not in (None, of):
+                    rule = f"belongs to owner {known.stated!r}; got owner {of!r}: keys must be unique"
+                    raise InvalidInput(f"plan {one.key!r}", "key", rule)
+                if one.key not in replaceable:
+                    rule = "belongs to a plan of the index: name it in replace to put the plan in its place"
+                    raise InvalidInput(f"plan {one.key!r}", "key", rule)
+                former[known.name] = known
+            number = self._state.number + 1
+            self._forget([*former.values()], number)
+            self._owners |= owners
+            self._owner_of |= {item.plan.key: item.owner for item in objects}
+            self._state = self._state.with_plans(self._scene, added, number, len(self))
+
+    def remove(self, owner: str) -> bool:
+        """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
+        if not isinstance(owner, str):
+            raise InvalidInput("remove", "owner", f"must be a text; got {owner!r:.60}")
+        with self._lock:
+            names = (_Name(owner), _Name(owner, is_key=True))
+            known = [self._owners[name] for name in names if name in self._owners]
+            if not known:
+                return False
+            number = self._state.number + 1
+            self._forget(known, number)
+            self._state = self._state.without_dead(self._scene, number, len(self))
+        return True
+
+    def probe(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> Results[Conflict]:
+        """Return the conflicts that plans have with those of other owners, without adding them.
+
+        The plans replace all plans of their owner, and plans of the same keys whoever owns them: `put` may refuse what
+        `probe` finds free. If the scene has `nearest_m`, near pairs are returned too. Rows are as those of `solve`.
+
+        owner : by default each plan is its own owner: they are compared with each other, too
+        """
+        given = listed("probe", plans)
+        check_word("probe", "owner", owner)
+        self._limits.check(given)
+        with self._lock:
+            world, state, is_within = self._probe_world(given)
+        extra = _Extra() if is_within else self._reaching(state, world.window)
+        scene = world.setup.scene
+        mine = self._cut.members(world, given)
+        keys = {one.key for one in given}
+        boxes, met = boxes_within(scene.longest_time_us, mine.pieces), Together(mine)
+        if owner is None:
+            met.add_among(boxes)
+        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(boxes)
+        for tree, put in (*state.levels, *extra.levels):
+            first, second = tree.pairs_of(held)
+            if not len(second):
+                continue
+            of = put.object_of[second].tolist()
+            seen = {
+                k: one
+                for k, one in ((k, put.objects[k]) for k in set(of))
+                if state.shows(one)
+                and one.owner not in extra.instead
+                and one.plan.key not in keys
+                and (owner is None or one.owner.name != _Name(owner))
+            }
+            plans_of |= {one.plan.key: one.plan for one in seen.values()}
+            rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
+            met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
+        conflicts = conflicts_of(world.setup, met)
+        if conflicts:
+            shown: list[Plan] = [one for kind in world.expanded(*by_kind([*plans_of.values()])) for one in kind]
+            origin = Objects(scene, {one.key: one for one in shown})
+            conflicts = [conflict.found_by(origin) for conflict in conflicts]
+        return Results(conflicts, Conflict)
+
+    def _put_world(self, plans: Sequence[Plan]) -> World:
+        """Return the world of plans that are put; needs the lock.
+
+        Schedules are expanded as far as the horizon, over all voyages of the index, and over what the plans touch. If
+        that is more than before, those of the index are expanded again. Raises InvalidInput, and changes nothing.
+        """
+        areas, tracks = by_kind(plans)
+        span = touched(tracks, self._scene)
+        window = self._window
+        if window is not None or has_schedules(plans):
+            window = horizon(self._scene, self._touched, span, known=window)
+        world = World.of(self._scene, areas, tracks, known=window)
+        self._expand_again(window)
+        self._touched = hull(self._touched, span)
+        return world
+
+    def _probe_world(self, plans: Sequence[Plan]) -> tuple[World, "_State", bool]:
+        """Return the world of plans that are compared, the state, and whether its schedules reach as far.
+
+        Needs the lock. The index changes as the clock demands, never as the plans do.
+        """
+        window = self._window
+        if window is not None:
+            self._expand_again(horizon(self._scene, self._touched, known=window))
+            window = self._window
+        areas, tracks = by_kind(plans)
+        if window is not None or has_schedules(plans):
+            window = horizon(self._scene, self._touched, touched(plans, self._scene), known=window)
+        world = World.of(self._scene, areas, tracks, known=window)
+        return world, self._state, self._window in (None, window)
+
+    def _reaching(self, state: "_State", window: Window | None) -> "_Extra":
+        """Return the plans with schedules of a state, expanded over a window; raises InvalidInput."""
+        known = self._extra
+        if known is None or known.number != state.number or hull(known.window, window) != known.window:
+            known = _Extra.of(self._scene, state, window)
+            self._extra = known
+        return known
+
+    def _expand_again(self, window: Window | None) -> None:
+        """Expand the schedules of all plans over a window, and cut these anew; needs the lock."""
+        if window == self._window:
+            return
+        extra = _Extra.of(self._scene, self._state, window)
+        if extra.instead:
+            number = self._state.number + 1
+            self._forget([*extra.instead], number)
+            for owner in extra.instead.values():
+                self._owners[owner.name] = owner
+                self._owner_of |= dict.fromkeys(owner.keys, owner)
+            for _, added in extra.levels:
+                self._state = self._state.with_plans(self._scene, added, number, len(self))
+        self._window = window
+
+    def _forget(self, owners: "list[_Owner]", number: int) -> None:
+        """Hide the plans of owners from the state of a number on."""
+        for owner in owners:
+            owner.ended = number
+            del self._owners[owner.name]
+            for key in owner.keys:
+                del self._owner_of[key]
+
+
+class _Name(NamedTuple):
+    """The name of an owner; is_key : of a plan that is its own owner, whose name is its key."""
+
+    text: str
+    is_key: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class _Owner:
+    """An owner as it was put once.
+
+    stated : owner that its plans state; None: none
+    ended : number of the state that no longer shows its plans
+    """
+
+    name: _Name
+    stated: str | None = None
+    keys: list[str] = field(default_factory=list)
+    ended: int | None = None
+
+
+class _Object(NamedTuple):
+    plan: Plan
+    owner: _Owner
+
+
+class _Put(NamedTuple):
+    """Some plans and their pieces; object_of : (n,) the place of each piece's plan in `objects`."""
+
+    pieces: Pieces
+    object_of: NDArray[np.int32]
+    objects: list[_Object]
+
+    def member(self, k: int) -> Member:
+        return Member.of(self.objects[k].plan)
+
+    @classmethod
+    def merged(cls, puts: "Sequence[_Put]") -> "_Put":
+        """Return the plans that the newest state shows."""
+        parts, of = [], []
+        objects: list[_Object] = []
+        for put in puts:
+            live = [item for item in put.objects if item.owner.ended is None]
+            pieces, object_of = put.pieces, put.object_of
+            if len(live) < len(put.objects):
+                is_live = np.array([item.owner.ended is None for item in put.objects], np.bool_)
+                rows = np.flatnonzero(is_live[object_of])
+                pieces, object_of = pieces.take(rows), (np.cumsum(is_live) - 1)[object_of[rows]]
+            parts.append(pieces)
+            of.append(object_of + len(objects))
+            objects += live
+        return cls(Pieces.concatenate(parts), np.concatenate(of).astype(np.int32), objects)
+
+
+class _Level(NamedTuple):
+    """Plans, and the boxes of their pieces in a tree."""
+
+    tree: BoxTree
+    put: _Put
+
+    @classmethod
+    def of(cls, scene: Scene, put: _Put) -> "_Level":
+        return cls(BoxTree(boxes_within(scene.longest_time_us, put.pieces)), put)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What a question sees: the plans of owners that had not ended at this state's number.
+
+    levels : each has at least twice as many pieces as the next
+    """
+
+    number: int = 0
+    levels: tuple[_Level, ...] = ()
+
+    def shows(self, item: _Object) -> bool:
+        ended = item.owner.ended
+        return ended is None or ended > self.number
+
+    def with_plans(self, scene: Scene, put: _Put, number: int, live: int) -> "_State":
+        """Return the state of a number with more plans; live : plans that it shows."""
+        levels, size = [*self.levels], len(put.pieces)
+        merged = [put]
+        while levels and len(levels[-1].put.pieces) < 2 * size:
+            merged.insert(0, levels.pop().put)
+            size += len(merged[0].pieces)
+        if len(merged) > 1:
+            put = _Put.merged(merged)
+        return _State(number, (*levels, _Level.of(scene, put))).without_dead(scene, number, live)
+
+    def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
+        """Return the state of a number; levels are merged once half of their plans have ended."""
+        puts = [level.put for level in self.levels]
+        if 2 * live >= sum(len(put.objects) for put in puts):
+            return _State(number, self.levels)
+        return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
+
+
+@dataclass(frozen=True, slots=True)
+class _Extra:
+    """Plans with schedules of a state, expanded over another window.
+
+    number : of the state
+    levels : their boxes
+    instead : by the owner in the state, the one of these plans
+    """
+
+    number: int = 0
+    window: Window | None = None
+    levels: tuple[_Level, ...] = ()
+    instead: Mapping[_Owner, _Owner] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene, state: _State, window: Window | None) -> Self:
+        """Return the plans of all owners in a state that have a schedule; raises InvalidInput."""
+        shown = [item for level in state.levels for item in level.put.objects if state.shows(item)]
+        former = {item.owner for item in shown if item.plan.schedule is not None}
+        if not former:
+            return cls(state.number, window)
+        instead = {owner: replace(owner, keys=[*owner.keys], ended=None) for owner in former}
+        objects = [_Object(item.plan, instead[item.owner]) for item in shown if item.owner in former]
+        cut = Members.of_plans(World(Setup.of(scene), window), [item.plan for item in objects])
+        added = _Put(cut.pieces, cut.of.astype(np.int32), objects)
+        return cls(state.number, window, (_Level.of(scene, added),), instead)
+
+
+def listed(who: str, plans: Any) -> list[Plan]:
+    """Return a plan, or several, as a list; raises InvalidInput for anything else."""
+    given = list(plans) if isinstance(plans, Sequence) and not isinstance(plans, str) else [plans]
+    for plan in given:
+        if not isinstance(plan, Area | Track):
+            raise InvalidInput(who, "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
+    if not given:
+        raise InvalidInput(who, "plan", "must be an Area or a Track, or several; got none")
+    return given
+
+
+class _LastCut(threading.local):
+    """The plans that a thread asked about last, and their pieces: a server puts the plans that it has probed."""
+
+    def __init__(self) -> None:
+        self._asked: tuple[Scene, Window | None, list[tuple[Any, ...]]] | None = None
+        self._members: Members | None = None
+
+    def members(self, world: World, plans: Sequence[Plan]) -> Members:
+        """Return plans cut into pieces, as `Members.of_plans` does."""
+        window = world.window if has_schedules(plans) else None
+        asked = world.setup.scene, window, [_content(one) for one in plans]
+        if self._members is not None and asked == self._asked:
+            return self._members._replace(each=[Member.of(one) for one in plans])
+        self._members, self._asked = Members.of_plans(world, plans, warns=True), asked
+        return self._members
+
+
+def _content(plan: Plan) -> tuple[Any, ...]:
+    """Return the fields of a plan that count, by value: arrays and mappings may be changed in place."""
+    values = _AREA_FIELDS(plan) if isinstance(plan, Area) else _TRACK_FIELDS(plan)
+    return type(plan), *(one if type(one) in _CONSTANT else _value(one) for one in values)
+
+
+# Types of values that cannot change; most fields have one of them.
+_CONSTANT: Final = {type(None), str, float, int, shapely.MultiPolygon}
+
+
+def _value(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return given.tobytes(), given.shape
+    return deepcopy(dict(given)) if isinstance(given, Mapping) else given

@@ -1,0 +1,116 @@
+"""Explain the moves of a proposal: which conflicts each one clears, and how it passes what it would meet."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from conflictdb.core.delays import Differences
+from conflictdb.memory import questions
+from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
+from conflictdb.model.proposals import METRES_PER_NMI, Move, NewWaypoints, Passing, Side
+from conflictdb.model.results import Conflict
+
+# Closest approaches are told up to this much beyond the required separation, metres.
+_NEAR_M: Final = 10.0 * METRES_PER_NMI
+
+
+def moves_of(
+    scene: Scene,
+    changed: Mapping[str, Track],
+    areas: Iterable[Area],
+    delays: Mapping[str, int],
+    speeds: Mapping[str, float],
+    ways: Mapping[str, NewWaypoints],
+    cleared: Iterable[tuple[str, str]],
+    found: Differences,
+    key_of: Mapping[int, str],
+) -> list[Move]:
+    """Return the moves, by key.
+
+    changed : all tracks as they are after the moves
+    delays, speeds, ways : of the tracks that move, microseconds, factors and new waypoints
+    cleared : the pairs that are in conflict as planned, and no longer
+    found : the differences of all tracks that may move
+    """
+    moving = sorted({*delays, *speeds, *ways}, key=str.encode)
+    clears: dict[str, set[str]] = {key: set() for key in moving}
+    for a, b in cleared:
+        for key, other in ((a, b), (b, a)):
+            if key in clears:
+                clears[key].add(other)
+    of_key = {key_of[number]: rows for number, rows in found.of_each_track()}
+    sides: dict[str, dict[str, Side]] = {}
+    for key in moving:
+        own = of_key.get(key)
+        if key in ways:
+            sides[key] = dict.fromkeys(clears[key], Side.CLEAR)
+        elif key in speeds:
+            sides[key] = {other: _side_at_speed(other, speeds[key], changed) for other in clears[key]}
+        else:
+            sides[key] = {} if own is None else _sides(own, key_of, delays, delays[key], clears[key], changed)
+    near = _near(scene, changed, areas, {(key, other) for key in moving for other in sides[key]})
+    moves = []
+    for key in moving:
+        passes = []
+        for other in sorted(sides[key], key=str.encode):
+            closest = near.get((key, other))
+            passes.append(
+                Passing(
+                    other,
+                    sides[key][other],
+                    None if closest is None else closest.closest_m,
+                    None if closest is None else closest.closest_at,
+                )
+            )
+        cleared_keys = tuple(sorted(clears[key], key=str.encode))
+        delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
+        moves.append(Move(key, delay_s, speed, cleared_keys, tuple(passes), ways.get(key)))
+    return moves
+
+
+def _sides(
+    own: Differences,
+    key_of: Mapping[int, str],
+    delays: Mapping[str, int],
+    delay: int,
+    clears: set[str],
+    tracks: Mapping[str, Track],
+) -> dict[str, Side]:
+    """Return how a delayed track passes what it clears, and what keeps it from a smaller delay."""
+    found = {}
+    for number in np.unique(own.other).tolist():
+        rows, other = own.other == number, key_of[number]
+        low, high = own.low[rows], own.high[rows]
+        difference = delay - delays.get(other, 0)
+        # Sooner than the nearest interval, or later.
+        away = np.maximum(low - difference, difference - high)
+        nearest = int(np.argmin(away))
+        if other in clears or away[nearest] == 1:
+            found[other] = _side(difference > high[nearest], other in tracks)
+    return found
+
+
+def _side_at_speed(other: str, speed: float, tracks: Mapping[str, Track]) -> Side:
+    return _side(speed < 1.0, other in tracks)
+
+
+def _side(is_later: bool, is_track: bool) -> Side:
+    if is_track:
+        return Side.ASTERN if is_later else Side.AHEAD
+    return Side.AFTER if is_later else Side.BEFORE
+
+
+def _near(
+    scene: Scene, changed: Mapping[str, Track], areas: Iterable[Area], pairs: set[tuple[str, str]]
+) -> dict[tuple[str, str], Conflict]:
+    """Return the closest approaches of pairs of tracks that come near to each other."""
+    tracks = {key for pair in pairs for key in pair if key in changed}
+    wide = replace(scene, nearest_m=min(scene.largest_separation_m + _NEAR_M, MAX_DISTANCE_M))
+    found = {}
+    for one in questions.solve([changed[key] for key in sorted(tracks)], [], wide):
+        for pair in ((one.a_key, one.b_key), (one.b_key, one.a_key)):
+            if pair in pairs:
+                found[pair] = one
+    return found

@@ -1,0 +1,476 @@
+"""Run the stages on objects in memory (`solve`, `delays`, `speeds`, `chances`): no database, the same answer."""
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import tzinfo
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.core import speeds as stage_of_speeds
+from conflictdb.core.delays import FirstStops, Leeway, delays_of, differences_of, waits_of
+from conflictdb.core.funnel import Funnel
+from conflictdb.core.margins import least_margins
+from conflictdb.core.near import Memory
+from conflictdb.core.run import run_scene
+from conflictdb.core.to_results import to_results
+from conflictdb.core.world import AS_PLANNED, Occupied, Reach, World, occupy
+from conflictdb.earth.registry import Setup
+from conflictdb.errors import InvalidInput
+from conflictdb.formats import from_frames
+from conflictdb.model import inputs
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import Window, require_one_voyage
+from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
+
+if TYPE_CHECKING:
+    import geopandas
+    from matplotlib.figure import Figure
+    from movingpandas import TrajectoryCollection
+
+Object = TypeVar("Object", Area, Track)
+
+# Speeds are at most this many times faster or slower: instants of ten days stay sharper than a microsecond.
+MOST_FACTOR: Final = 100.0
+# Limit of uncertain delays, seconds.
+_LATEST_S: Final = 1e9
+
+
+def solve(
+    tracks: "Iterable[Track] | geopandas.GeoDataFrame | TrajectoryCollection",
+    areas: "Iterable[Area] | geopandas.GeoDataFrame",
+    scene: Scene | None = None,
+    *,
+    haven: Mapping[str, Any] | None = None,
+    time_zone: str | tzinfo | None = None,
+) -> Results[Conflict]:
+    """Return the pairs of tracks and areas that interfere, without a database.
+
+    If the scene has `nearest_m`, near pairs are returned too, with verdict near and without periods.
+    `Conflict.approach` is the closest approach of a pair. Rows are in the order of their keys, areas first. Stages and
+    answer are those of a detection in the database. Raises InvalidInput for objects that do not fit the scene's plane,
+    for duplicate keys, and for other types than tracks and areas.
+
+    Parameters
+    ----------
+    tracks, areas : iterables of Track and Area, or GeoDataFrames; tracks also a TrajectoryCollection of MovingPandas
+        The columns of a GeoDataFrame have the names and units of scene files; instants are datetimes with a zone.
+        Without a column `id` the index is the key. It must have a reference system; systems other than longitude and
+        latitude on WGS84 are transformed. The key of a trajectory is its id.
+    haven : mapping, optional
+        Default haven for rows of frames without size columns: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
+    time_zone : str or tzinfo, optional
+        The zone of instants of frames without one; by default they are refused.
+    """
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    scene = scene or Scene("in memory")
+    tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
+    world, tracks, areas = world_of("solve", tracks, areas, scene)
+    setup, occupied = world.setup, occupy(world, areas, tracks, warns=True)
+    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(occupied.areas)}
+    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(occupied.tracks)}
+    objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
+    origin = Objects(setup.scene, {one.key: one for one in objects})
+    found = Conflicts.concatenate([conflicts for conflicts, _ in _run(setup, occupied)])
+    rows = to_results(setup.scene, named, found)
+    return Results((conflict.found_by(origin) for conflict in rows), Conflict)
+
+
+def delays(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    key: str | Sequence[str] | None = None,
+    within_s: float = 7200.0,
+    now: inputs.Instant | None = None,
+    clear_within_m: float | None = None,
+    waypoint: int | None = None,
+) -> list[Delays]:
+    """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
+
+    Delays are of a whole track, everything else departs as planned, and the method is `exact`. A track whose first leg
+    stands still waits there until it departs; any other is nowhere before that. Its haven begins to grow when it
+    departs.
+
+    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track.
+
+    Parameters
+    ----------
+    key : str or sequence of str, optional
+        A track, or several; by default each of them is asked about, one at a time.
+    within_s : float
+        The horizon: delays of up to this many seconds, either way.
+    now : instant, optional
+        No track departs before it: neither earlier delays are possible, nor any of a track that has departed. A track
+        that stands at its first waypoint may leave it now.
+    clear_within_m : float, optional
+        Compute `clear_by_m`, too, up to this many metres; by default it is None.
+    waypoint : int, optional
+        The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of departing
+        later, with the heading, haven and heights of the end of the leg before. Up to there all stays as planned; all
+        later times are later.
+    """
+    return delays_over(None, tracks, areas, scene, key, within_s, now, clear_within_m, waypoint)
+
+
+def delays_over(
+    window: Window | None,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    key: str | Sequence[str] | None,
+    within_s: float,
+    now: inputs.Instant | None,
+    clear_within_m: float | None,
+    waypoint: int | None,
+) -> list[Delays]:
+    """Return as `delays`; window : schedules are expanded over at least this time."""
+    horizon_us, now_us = horizon_and_now(within_s, now)
+    if clear_within_m is not None:
+        clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
+    # The answer is the one that a detection stores.
+    stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
+    solved_us = max(horizon_us, stored_us)
+    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us), window)
+    scene = setup.scene
+    if waypoint is not None:
+        number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
+        require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
+        waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
+        waits = waits_of(setup, Memory(pieces), number, waits_us, horizon_us)
+        asked = np.array([number], np.int64)
+        answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
+    else:
+        leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
+        asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
+        stops = FirstStops.of(TrackBatch.of(tracks))
+        every = differences_of(setup, Memory(pieces), asked, solved_us, waits=stops)
+        found = dict(every.of_each_track())
+        nothing = every.take(np.empty(0, np.int64))
+        answers = [
+            delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
+            for number in asked.tolist()
+        ]
+    if clear_within_m is None:
+        return answers
+    batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
+    return _with_margins(answers, setup, pieces, batch, clear_within_m)
+
+
+def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
+    """Return both in microseconds. Raises InvalidInput."""
+    now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
+    return round(1e6 * inputs.seconds("delays", "within_s", within_s)), now_us
+
+
+def _with_margins(
+    answers: list[Delays], setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float
+) -> list[Delays]:
+    """Return the delays of tracks (n,) with the least distances by which they exceed the required separations."""
+    free = np.array([row for row, one in enumerate(answers) if one.clear_by_s != 0.0], np.int64)
+    margins_m = least_margins(setup, pieces, tracks.take(free), within_m)
+    margins = dict(zip(free.tolist(), np.column_stack(margins_m).tolist(), strict=True))
+    rows = []
+    for row, one in enumerate(answers):
+        margin_m, error_m = margins.get(row, (0.0, 0.0))
+        by_m = None if margin_m > within_m else max(margin_m, 0.0)
+        error = None if by_m is None or error_m == np.inf else error_m
+        rows.append(replace(one, clear_within_m=within_m, clear_by_m=by_m, clear_error_m=error))
+    return rows
+
+
+def speeds(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    key: str | None = None,
+    slowest: float = 0.5,
+    fastest: float = 2.0,
+    *,
+    leg: int | None = None,
+) -> list[Speeds]:
+    """Return at which speeds each track could go instead: those that are in conflict, and the nearest that are not.
+
+    Speeds are factors of the planned one, for all legs together: the track departs as planned, is on each leg
+    `1 / factor` times as long, and its haven is as large at each waypoint as planned. Everything else stays as planned,
+    and the method is `exact`. Free speeds are free also if the instants of waypoints are rounded to microseconds.
+
+    With a separation in time, nothing is proven about pairs of tracks of which one climbs, unless their heights always
+    overlap. Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg.
+
+    Parameters
+    ----------
+    key : str, optional
+        A track; by default all tracks of one voyage, in one computation. Each alone has another speed.
+    slowest, fastest : float
+        The limits: factors of the planned speed, above 0; 1 lies between them.
+    leg : int, optional
+        Only this leg of the track, which needs a key then, has another speed, 1 the first. Later legs are as fast as
+        planned, and earlier or later.
+    """
+    return speeds_over(None, tracks, areas, scene, key, slowest, fastest, leg=leg)
+
+
+def speeds_over(
+    window: Window | None,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    key: str | None,
+    slowest: float,
+    fastest: float,
+    *,
+    leg: int | None,
+) -> list[Speeds]:
+    """Return as `speeds`; window : schedules are expanded over at least this time."""
+    slowest, fastest = limits(slowest, fastest)
+    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest), window)
+    scene = setup.scene
+    once = [row for row, track in enumerate(tracks) if track.departures_us is None and track.schedule is None]
+    # Of all tracks, those that repeat stay as planned.
+    given = tracks if key is None and not once else [track for track in tracks if track.key == key]
+    require_one_voyage("speeds", "key", given)
+    if leg is not None:
+        number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
+        first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
+        asked, ends_us = np.array([number], np.int64), times_us[[[first, first + 1]]]
+    else:
+        asked = numbers[once] if key is None else _known(scene, keys, numbers, [key])
+        known = [tracks[row] for row in kinds_and_ids(asked)[1].tolist()]
+        for track in known:
+            _require_exact("speeds", track)
+        ends_us = np.array([track.times_us[[0, -1]] for track in known], np.int64).reshape(-1, 2)
+    every = stage_of_speeds.speeds_of_tracks(
+        setup, Memory(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
+    )
+    found = dict(every.of_each_track())
+    nothing = every.take(np.empty(0, np.int64))
+    return [
+        stage_of_speeds.speeds_of(keys[number], leg, keys, found.get(number, nothing), slowest, fastest)
+        for number in asked.tolist()
+    ]
+
+
+def limits(slowest: Any, fastest: Any) -> tuple[float, float]:
+    """Return the limits of speeds, factors of the planned one. Raises InvalidInput."""
+    try:
+        found = float(slowest), float(fastest)
+    except (TypeError, ValueError):
+        found = np.nan, np.nan
+    if not 1.0 / MOST_FACTOR <= found[0] <= 1.0 <= found[1] <= MOST_FACTOR:
+        rule = f"must be factors from 1/{MOST_FACTOR:g} to 1, and from 1 to {MOST_FACTOR:g}"
+        raise InvalidInput("speeds", "slowest, fastest", f"{rule}; got {slowest!r:.20}, {fastest!r:.20}")
+    return found
+
+
+def _one_track(
+    what: str,
+    name: str,
+    scene: Scene,
+    keys: Mapping[int, str],
+    numbers: NDArray[np.int64],
+    tracks: list[Track],
+    key: str | Sequence[str] | None,
+) -> tuple[int, NDArray[np.int64]]:
+    """Return the number of a track, and when it is at its waypoints. Raises InvalidInput."""
+    if not isinstance(key, str):
+        raise InvalidInput(what, name, "needs the key of a track")
+    [number] = _known(scene, keys, numbers, [key]).tolist()
+    one = next(track for track in tracks if track.key == key)
+    _require_exact(name, one)
+    return number, one.times_us
+
+
+def _require_exact(name: str, track: Track) -> None:
+    """Raise InvalidInput for a track with tolerances, whose haven contains other speeds and times already."""
+    if track.tolerances is not None:
+        rule = "has a meaning without tolerances only: give other windows or speeds, and detect"
+        raise InvalidInput(f"track {track.key!r}", name, rule)
+
+
+def _place(what: str, name: str, given: Any, count: int) -> int:
+    """Return the number of a waypoint or leg, 1 the first. Raises InvalidInput."""
+    if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= count:
+        raise InvalidInput(what, name, f"must be from 1 to {count}, of this track; got {given!r:.20}")
+    return given
+
+
+def chances(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    departures: Mapping[str, Any] | None = None,
+) -> Chances:
+    """Return how likely conflicts are if departures are uncertain: bounds on either side.
+
+    Conflicts are those of tracks, with each other and with areas. All departures are independent of each other, and the
+    method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after. The work is
+    bounded: with many pairs, and with large empirical distributions, bounds are wider.
+
+    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution.
+
+    Parameters
+    ----------
+    departures : mapping, optional
+        Delays in seconds by the keys of tracks: ``scipy.stats.norm(60, 300)``, ``scipy.stats.uniform(-300, 900)``, or a
+        sequence of delays, each as likely. All other tracks depart as planned.
+    """
+    from conflictdb.core import chances as stage  # not above: it brings scipy
+
+    uncertain: dict[str, stage.Uncertain] = {}
+    for key, given in _by_key("departures", departures).items():
+        try:
+            uncertain[key] = stage.Uncertain.of(given, -_LATEST_S, _LATEST_S)
+        except (TypeError, ValueError):
+            rule = "must be norm or uniform of scipy.stats, with their parameters, or finite delays in seconds"
+            limits = f"from {-_LATEST_S:g} to {_LATEST_S:g}"
+            raise InvalidInput("chances", f"departures[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
+    least_s, most_s = ([0.0, *(getattr(one, end) for one in uncertain.values())] for end in ("low", "high"))
+    reach = Reach(math.ceil(-1e6 * min(least_s)), math.ceil(1e6 * max(most_s)))
+    setup, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene, reach)
+    known = {int(_known(setup.scene, keys, numbers, [key])[0]): one for key, one in uncertain.items()}
+    tail = sum(one.tail for one in known.values())
+    pairs, any_of = stage.chances_of(setup, Memory(pieces), numbers, known, tail)
+    least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
+    return Chances(
+        {(keys[a], keys[b]): bounds for (a, b), bounds in pairs.items()},
+        (least, most + tail * len(keys)),
+        {keys[number]: any_of.get(number, (0.0, tail)) for number in numbers.tolist()},
+    )
+
+
+def _by_key(name: str, given: Any) -> Mapping[str, Any]:
+    """Return distributions by the keys of tracks. Raises InvalidInput."""
+    if not isinstance(given, Mapping | None):
+        rule = "must be distributions by the keys of tracks, or absent"
+        raise InvalidInput("chances", name, f"{rule}; got {given!r:.60}")
+    return given or {}
+
+
+def numbered(
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    reach: Reach = AS_PLANNED,
+    window: Window | None = None,
+) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
+    """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these.
+
+    reach : how far the question moves tracks
+    window : schedules are expanded over at least this time
+    """
+    world, sorted_tracks, sorted_areas = world_of(what, tracks, areas, scene, reach, window)
+    occupied = occupy(world, sorted_areas, sorted_tracks, warns=True)
+    known = occupied.tracks
+    numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
+    keys = dict(enumerate(area.key for area in occupied.areas)) | dict(
+        zip(numbers.tolist(), (track.key for track in known), strict=True)
+    )
+    return world.setup, occupied.pieces, keys, numbers, known
+
+
+def world_of(
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    reach: Reach = AS_PLANNED,
+    window: Window | None = None,
+) -> tuple[World, list[Track], list[Area]]:
+    """Return the world of a question, and its tracks and areas in the order of their keys; raises InvalidInput."""
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    # Numbered by key, as in the database: the answer does not depend on the order of the objects. World.of checks keys.
+    known = sorted(each(what, "tracks", tracks, Track), key=_order)
+    others = sorted(each(what, "areas", areas, Area), key=_order)
+    return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window), known, others
+
+
+def _order(one: Area | Track) -> bytes:
+    return one.key.encode(errors="surrogatepass")
+
+
+def _known(
+    scene: Scene, keys: Mapping[int, str], numbers: NDArray[np.int64], given: Collection[str]
+) -> NDArray[np.int64]:
+    """Return the numbers of some tracks, in order. Raises InvalidInput if there is none of a key."""
+    of_key = {keys[number]: number for number in numbers.tolist()}
+    for key in given:
+        if not isinstance(key, str) or key not in of_key:
+            problem = "is an area, which does not depart" if key in keys.values() else "is not known"
+            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
+    return np.array(sorted({of_key[key] for key in given}), np.int64)
+
+
+def _several(key: Any) -> Collection[str]:
+    """Return the keys given, one or several. Raises InvalidInput."""
+    if isinstance(key, str):
+        return [key]
+    if not isinstance(key, Collection):
+        raise InvalidInput("delays", "key", f"must be the key of a track, or several; got {key!r:.60}")
+    return key
+
+
+def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
+    """Return what the stages count on the objects of a stored scene."""
+    total = Funnel()
+    for _, funnel in _run(Setup.of(scene), occupy(World(Setup.of(scene)), areas, tracks, is_lenient=True)):
+        total.add(funnel)
+    return total
+
+
+def _run(setup: Setup, occupied: Occupied) -> Iterator[tuple[Conflicts, Funnel]]:
+    return run_scene(setup, Memory(occupied.pieces, occupied.batches))
+
+
+class Objects:
+    """The input of `solve`, by key, for drawing its conflicts."""
+
+    def __init__(self, scene: Scene, objects: Mapping[str, Area | Track]) -> None:
+        self._scene, self._objects = scene, objects
+
+    def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict; `conflict.plot()` calls this."""
+        from conflictdb.plot import figures  # not above: it brings matplotlib
+
+        a, b = (self._objects[key] for key in (conflict.a_key, conflict.b_key))
+        return figures.plot_pair(self._scene, a, b, conflict)
+
+
+def _objects(
+    tracks: Any, areas: Any, scene: Scene, haven: Mapping[str, Any] | None, time_zone: str | tzinfo | None
+) -> tuple[list[Track], list[Area]]:
+    """Return the objects, given directly or in frames; raises InvalidInput."""
+    in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
+    sizes, zone = from_frames.checked_haven(haven), from_frames.TimeZone(time_zone)
+    if haven is not None and not in_frames[0]:
+        raise InvalidInput("solve", "haven", "is for tracks of frames: a Track has an outline_m of its own")
+    if time_zone is not None and not any(in_frames):
+        raise InvalidInput(
+            "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
+        )
+    return (
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else each("solve", "tracks", tracks, Track),
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else each("solve", "areas", areas, Area),
+    )
+
+
+def each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
+    """Return objects of one kind; raises InvalidInput for others."""
+    what = f"must be {name}, in a list or the like"
+    if isinstance(given, Area | Track) or not isinstance(given, Iterable):
+        raise InvalidInput(who, name, f"{what}; got {type(given).__name__}")
+    objects = list(given)
+    for i, one in enumerate(objects):
+        if not isinstance(one, kind):
+            swapped = f": {who}(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
+            raise InvalidInput(who, f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
+    return objects

@@ -1,0 +1,194 @@
+"""Read and write the input of a detection: marks and pieces (transaction 1), whole areas (transaction 2).
+
+Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
+calls:
+
+    begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
+    begin_locked; the calls of `stored_pairs`, `known_pairs` and `write_rows`; commit
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.words import WORDS
+from conflictdb.core.pieces.bundling import bundles_of
+from conflictdb.model.plans import heights_of_legs
+from conflictdb.model.results import Kind
+from conflictdb.store import copy_binary
+from conflictdb.store.connection import call, call_many
+from conflictdb.store.stored_bundles import by_place, columns
+from conflictdb.store.stored_objects import (
+    AREA_COLUMNS,
+    AREA_STRINGS,
+    TOLERANCES,
+    TRACK_COLUMNS,
+    TRACK_STRINGS,
+    decode_activations,
+    decode_heights,
+    decode_outlines,
+    decode_paths,
+    decode_rings,
+    decode_tolerances,
+)
+
+# Pieces encoded at once: some megabytes, and many per COPY.
+_PIECES_SENT: Final = 20_000
+# The columns of _area_row and _track_row, besides strings.
+AREA_ROW: Final = [*AREA_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.AREA])]
+TRACK_ROW: Final = [*TRACK_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.TRACK])]
+# Smaller than every object id.
+_FIRST: Final = -(2**63)
+
+
+def cover_all(conn: psycopg.Connection[Any], scene_id: int) -> None:
+    """Mark every object of a scene as changed, with pieces that follow in this transaction."""
+    call(conn, "_cover_all", scene_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """The numbers of marks of areas and of tracks that wait for a detection; each counts up to a thousand."""
+
+    areas: int
+    tracks: int
+
+    @property
+    def objects(self) -> int:
+        """Upper bound on the number of waiting objects."""
+        return self.areas + self.tracks
+
+
+def pending(conn: psycopg.Connection[Any], scene_id: int) -> Pending:
+    """Return how many objects of a scene wait for a detection."""
+    return Pending(*call(conn, "_pending", scene_id))
+
+
+def changed_areas(
+    conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
+) -> AreaBatch:
+    """Return the areas of a scene that changed since the last detection: at most `most`, with ids above `after`."""
+    sent = copy_binary.receive(conn, "_changed_areas", [scene_id, after, most], AREA_ROW, AREA_STRINGS)
+    return area_batch(*sent)
+
+
+def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> AreaBatch:
+    """Decode areas from the columns of their rows (_area_row)."""
+    footprint = np.empty(len(columns["area_id"]), dtype=object)
+    footprint[:] = shapely.from_wkb(strings["footprint"])
+    return AreaBatch(
+        columns["area_id"],
+        columns["version"],
+        footprint,
+        decode_activations(
+            strings["spans"],
+            np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
+        ),
+        _height(columns["floor_m"], -np.inf),
+        _height(columns["ceiling_m"], np.inf),
+        _words(Kind.AREA, columns),
+    )
+
+
+def _words(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return the numbers (n, k) of WORDS in rows."""
+    return np.column_stack([columns[f"{one.name}_number"] for one in WORDS[kind]])
+
+
+def _height(heights_m: NDArray[np.float64], unbounded: float) -> NDArray[np.float64]:
+    """Return heights, also of `_read_areas` and `_read_tracks`, where NaN is none."""
+    return np.where(np.isnan(heights_m), unbounded, heights_m)
+
+
+def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Return the footprints of areas (degrees), in the order of the ids; empty for areas removed meanwhile."""
+    known = dict(call_many(conn, "_footprints", area_ids.tolist()))
+    found = np.empty(len(area_ids), dtype=object)
+    found[:] = [shapely.from_wkb(known[i]) if i in known else shapely.MultiPolygon() for i in area_ids.tolist()]
+    return found
+
+
+def changed_tracks(
+    conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
+) -> TrackBatch:
+    """Return the tracks of a scene that changed since the last detection: at most `most`, with ids above `after`."""
+    sent = copy_binary.receive(
+        conn, "_changed_tracks", [scene_id, after, most], TRACK_ROW, [*TRACK_STRINGS, *TOLERANCES]
+    )
+    return track_batch(*sent)
+
+
+def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> TrackBatch:
+    """Decode tracks from the columns of their rows (_track_row)."""
+    positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
+    outline_m, outline_offset = decode_rings(strings["outline"])
+    outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
+    tolerances = np.empty(len(columns["track_id"]), dtype=object)
+    tolerances[:] = [decode_tolerances(one) for one in strings["tolerances"]]
+    return TrackBatch(
+        columns["track_id"],
+        columns["version"],
+        waypoint_offset,
+        positions_deg,
+        times_us,
+        outline_offset,
+        outline_m,
+        _leg_heights(_height(columns["floor_m"], -np.inf), strings["floors"], waypoint_offset, -np.inf),
+        _leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings"], waypoint_offset, np.inf),
+        columns["grow_mps"],
+        outlines_offset,
+        outlines_m,
+        tolerances,
+        _words(Kind.TRACK, columns),
+        decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
+    )
+
+
+def _leg_heights(
+    whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
+) -> NDArray[np.float64]:
+    """Return the heights at both ends of each leg of all tracks (m, 2): its own where it has some, else the track's."""
+    legs = np.diff(waypoint_offset) - 1
+    heights = np.repeat(whole_m, 2 * legs).reshape(-1, 2)
+    start = np.cumsum(legs) - legs
+    for i in np.flatnonzero([bool(one) for one in sent]).tolist():
+        own = decode_heights(sent[i], unbounded)
+        assert own is not None  # noqa: S101
+        heights[start[i] : start[i] + legs[i]] = heights_of_legs(own, int(legs[i]))
+    return heights
+
+
+def replace_pieces(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    chunks: Iterable[Pieces],
+    *,
+    is_first: bool = True,
+    is_full: bool = False,
+) -> None:
+    """Replace the pieces of all changed and removed objects of a scene, and record that their marks are covered.
+
+    chunks : the pieces, consumed one chunk at a time
+    is_first : false in the second transaction of a detection
+    is_full : the pieces are those of all objects of the scene, changed or not; equal pieces stay unchanged
+    """
+    srid, is_compared = call(conn, "_begin_pieces", scene_id, is_first, is_full)
+    table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"
+    count = 0
+    for pieces in chunks:
+        bundles = bundles_of(pieces)
+        del pieces
+        count += len(bundles)
+        for rows in by_place(bundles, _PIECES_SENT):
+            copy_binary.send(conn, table, columns(bundles.take(rows), scene_id, srid))
+        del bundles
+    if is_compared:
+        (count,) = call(conn, "_compare_pieces", scene_id)
+    call(conn, "_end_pieces", scene_id, count)

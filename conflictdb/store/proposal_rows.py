@@ -1,0 +1,65 @@
+"""Store proposals, apply them, and undo them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import psycopg
+from psycopg.types.json import Jsonb
+
+from conflictdb.errors import InvalidInput
+from conflictdb.model.plans import Track
+from conflictdb.model.proposals import Proposal
+from conflictdb.store.connection import call, transaction
+
+
+def proposal_basis(conn: psycopg.Connection[Any], scene_id: int) -> dict[str, Any]:
+    """Return what a proposal depends on, as the transaction sees it: settings and versions of a scene."""
+    settings, last_version, objects_hash = call(conn, "_proposal_basis", scene_id)
+    return {"settings": settings, "last_version": last_version, "objects_hash": objects_hash}
+
+
+def put_proposal(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    basis: dict[str, Any],
+    proposal: Proposal,
+    changed: Mapping[str, Track],
+) -> int:
+    """Store a proposal and return its id; InvalidInput if the scene has changed since the basis was read.
+
+    changed : the tracks that move, as they are then
+    """
+    rows = proposal.as_json()
+    for row in rows["moves"]:
+        times_us = changed[row["key"]].times_us
+        if (np.rint(times_us / 1e6 * 1e6).astype(np.int64) != times_us).any():
+            rule = (
+                "cannot be kept to the microsecond: before October 1697 and after March 2242 it must be whole seconds"
+            )
+            raise InvalidInput(f"track {row['key']!r}", "times", rule)
+        row["times_us"] = times_us.tolist()
+    given = (proposal.goal.value, proposal.objective_s, proposal.bound_s, proposal.is_least)
+    with transaction(conn):
+        return int(
+            call(conn, "_put_proposal", scene_id, Jsonb(basis), *given, Jsonb(rows["moves"]), Jsonb(rows["left"]))[0]
+        )
+
+
+def apply_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: bool) -> int:
+    """Move the tracks of a proposal, all or none; return their number.
+
+    Raises InvalidInput if it does not exist, the scene has changed, or tracks of attached tables move unasked, and
+    StoreError if it was applied before.
+    """
+    with transaction(conn):
+        return int(call(conn, "apply_proposal", proposal_id, attached)[0])
+
+
+def undo_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: bool) -> int:
+    """Give the tracks of an applied proposal their exact former times, all or none; return their number.
+
+    Raises InvalidInput if one of them changed since, and StoreError if it is not applied.
+    """
+    with transaction(conn):
+        return int(call(conn, "undo_proposal", proposal_id, attached)[0])
