@@ -336,7 +336,7 @@ def arrow() -> str:
 # --- the model of SQLAlchemy
 
 MADE: Final = "    # Made by docs/generate.py.\n"
-MODELS: Final = REFERENCE.parents[1] / "conflictdb" / "db" / "models.py"
+MODELS: Final = REFERENCE.parents[1] / "conflictdb" / "jobs" / "models.py"
 PRIMARY: Final = ("scene", "a_key", "b_key")
 ANNOTATIONS: Final = {
     record.ColumnType.INSTANT: "datetime",

@@ -12,7 +12,7 @@ import conflictdb
 PACKAGE = Path(conflictdb.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 # The only places that talk to a database. The server's own programs are run there too.
-WITH_SQL = ("db/store/", "jobs/schema.py", "server/")
+WITH_SQL = ("store/", "jobs/schema.py", "embedded/")
 
 
 def test_no_module_is_named_after_nothing() -> None:
@@ -21,7 +21,7 @@ def test_no_module_is_named_after_nothing() -> None:
     assert [path for path in SOURCES if vague.search(str(path.relative_to(PACKAGE)))] == []
 
 
-def test_sql_is_run_only_by_store_schema_and_server() -> None:
+def test_sql_is_run_only_by_store_schema_and_embedded() -> None:
     offenders = [
         str(path.relative_to(PACKAGE))
         for path in SOURCES
@@ -35,7 +35,7 @@ def test_only_the_command_line_and_the_server_settings_read_the_environment() ->
     readers = {
         path.relative_to(PACKAGE).parts[0] for path in SOURCES if re.search(r"os\.(environ|getenv)\b", path.read_text())
     }
-    assert readers <= {"cli", "server"}
+    assert readers <= {"cli", "embedded"}
 
 
 def test_help_waits_for_no_library() -> None:
