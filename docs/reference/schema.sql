@@ -266,11 +266,13 @@ TABLE probe_request (
     answered_at timestamp with time zone,
     is_current boolean,
     error text,
-    failures smallint NOT NULL DEFAULT 0,
+    attempts smallint NOT NULL DEFAULT 0,
     plans json,
     kind text NOT NULL,
     options jsonb NOT NULL DEFAULT '{}'::jsonb,
-    answer jsonb
+    answer jsonb,
+    attempted_at timestamp with time zone,
+    bytes bigint NOT NULL DEFAULT 0
 );
 
 TABLE proposal (
@@ -411,6 +413,12 @@ TABLE track (
     departures timestamp with time zone[],
     schedule jsonb,
     schedule_error text
+);
+
+TABLE worker_stamp (
+    worker_id uuid NOT NULL,
+    pid integer,
+    seen_at timestamp with time zone NOT NULL
 );
 
 VIEW _accessible (
@@ -795,6 +803,7 @@ CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
 CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT track_track_id_in_range ON track: CHECK (((track_id >= 1) AND (track_id <= '4611686018427387903'::bigint)));
+CONSTRAINT worker_stamp_pkey ON worker_stamp: PRIMARY KEY (worker_id);
 
 CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
 CREATE INDEX acknowledgement_scene_id_btree ON conflictdb.acknowledgement USING btree (scene_id);
@@ -853,6 +862,7 @@ CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - '{name,horizon_days}'::text[]) IS DISTINCT FROM (_settings_of(new.*) - '{name,horizon_days}'::text[]))) EXECUTE FUNCTION _after_scene_change() -- always;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN (((new.parent_scene_id IS NULL) AND (((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat)))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER scene_may_be_removed BEFORE DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
+CREATE TRIGGER scene_name_freed BEFORE INSERT OR UPDATE OF name ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_name() -- always;
 CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
 CREATE TRIGGER scene_replicated AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal() -- replicas;
 CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_resettled() -- always;
@@ -930,16 +940,13 @@ FUNCTION _are_above(p_floor_m double precision, p_ceiling_m double precision, p_
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_rules jsonb)
-    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _are_features(p_plans jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _area_feature(p_area area)
-    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
     RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1006,6 +1013,9 @@ FUNCTION _before_proposal_part()
 
 FUNCTION _before_proposal_update()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _before_scene_name()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _before_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1085,7 +1095,7 @@ FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers bool
 FUNCTION _check_attached_rows(p_who text, p_since text, p_attachment attachment, p_identity text, p_key text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text, p_owner text)
+FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
@@ -1095,7 +1105,7 @@ FUNCTION _check_datum(p_who text, p_scene_id bigint, p_stated text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval, p_now timestamp with time zone)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_departures(p_who text, p_path geometry, p_departures timestamp with time zone[])
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1113,9 +1123,6 @@ FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometr
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _check_horizon(p_key text, p_horizon interval, p_now timestamp with time zone)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_instants(p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
@@ -1178,9 +1185,6 @@ FUNCTION _check_times(p_who text, p_path geometry)
 FUNCTION _check_tolerances(p_who text, p_tolerances jsonb, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_track(p_scene_id bigint, p_key text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1195,6 +1199,9 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _claim_probe(p_passed_over bigint[], OUT probe_id bigint, OUT attempt smallint)
+    RETURNS record LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _class_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1218,7 +1225,7 @@ FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bi
     RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
+    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean, p_class text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, certainty text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1283,6 +1290,9 @@ FUNCTION _end_acknowledgement(p_conflict_id bigint)
 FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[])
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
+FUNCTION _end_of_wait(p_timeout interval)
+    RETURNS timestamp with time zone LANGUAGE sql VOLATILE PARALLEL SAFE;
+
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1326,7 +1336,7 @@ FUNCTION _first_stop(p_path geometry, p_departures timestamp with time zone[], O
     RETURNS record LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, OUT departs_us bigint[])
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1341,10 +1351,13 @@ FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _forget_differences(p_scene_id bigint, p_numbers bigint[])
-    RETURNS bytea LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS bytea LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _free_attached_name(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
+
+FUNCTION _free_orphan_name(p_name text)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1354,6 +1367,9 @@ FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
 
 FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _given_piece(p_number bigint, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_turn integer)
+    RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _globe()
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1390,6 +1406,9 @@ FUNCTION _history_kept(p_scene_id bigint)
 
 FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _hold_probe(p_probe_id bigint, p_attempt integer)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hold_proposal(p_proposal_id bigint)
     RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1488,19 +1507,13 @@ FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_indexscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_sort=off SET jit=off;
-
-FUNCTION _known_delays(p_scene_id bigint, p_key text, p_horizon_us bigint, p_now_us bigint)
-    RETURNS TABLE(key text, least_later_s double precision, least_earlier_s double precision, blocked_by text[], forbidden jsonb, waits boolean, has_departed boolean, earliest_s double precision, latest_s double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1 SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_sort=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _layers(p_scene_id bigint)
     RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
-
-FUNCTION _leeway(p_starts_us bigint, p_leaves_us bigint, p_horizon_us bigint, p_now_us bigint, OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint)
-    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1525,6 +1538,9 @@ FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint,
 
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _longest_horizon_s()
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _longest_time_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1569,16 +1585,13 @@ FUNCTION _may_admit(p_role name, p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _may_change(p_scene_id bigint)
-    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _may_expand()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _may_meet(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
-    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET enable_bitmapscan=off SET jit=off;
+    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1619,9 +1632,6 @@ FUNCTION _need_schedules(p_scene_id bigint, p_keys text[])
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _next_probe(p_passed_over bigint[])
-    RETURNS TABLE(probe_id bigint, scene_id bigint) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1644,7 +1654,7 @@ FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_h
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[], p_from_us bigint, p_until_us bigint)
-    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text, is_stale boolean) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text, is_stale boolean) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET jit=off;
 
 FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, INOUT p_owner text)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1701,7 +1711,10 @@ FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, O
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
-    RETURNS TABLE(turn smallint, part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS SETOF piece LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _pieces_may_meet(p_a piece, p_b piece, p_within_s double precision, p_allowed jsonb)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
@@ -1710,7 +1723,7 @@ FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, 
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_material=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_material=off SET jit=off;
 
 FUNCTION _pieces_of(p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry, p_shapes geometry, p_cuts timestamp with time zone[])
     RETURNS TABLE(part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1728,7 +1741,7 @@ FUNCTION _plans_given(p_plans jsonb)
     RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _plans_of(p_plans jsonb)
-    RETURNS TABLE(key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamp with time zone[], outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text, activations tstzmultirange, departures timestamp with time zone[], schedule jsonb, tolerances jsonb) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(key text, times timestamp with time zone[], footprint geometry, active_span tstzrange, path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text, properties jsonb, grow_mps double precision, outlines geometry, floors_m double precision[], ceilings_m double precision[], class text, owner text, tolerances jsonb, activations tstzmultirange, departures timestamp with time zone[], schedule jsonb) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _point_of(p_degrees double precision[])
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1770,7 +1783,7 @@ FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1787,10 +1800,10 @@ FUNCTION _radius_m(p_plane text)
 FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT spans bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text)
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea, OUT spans bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT schedule text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text, OUT tolerances text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT tolerances text, OUT schedule text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -1814,8 +1827,14 @@ FUNCTION _refuse_truncate()
 FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _release_probe(p_probe_id bigint)
+    RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _remove_stamp(p_worker_id uuid)
+    RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
 FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
-    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _request(p_scene_id bigint, p_kind text, p_plans json, p_options jsonb DEFAULT '{}'::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1998,13 +2017,16 @@ FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
-    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb, class text, owner text, tolerances jsonb, departures timestamp with time zone[], schedule jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(object_id bigint, key text, path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text, properties jsonb, grow_mps double precision, outlines geometry, floors_m double precision[], ceilings_m double precision[], class text, owner text, tolerances jsonb, departures timestamp with time zone[], schedule jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _stamp_worker(p_worker_id uuid, p_pid integer)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _stays_simple(p_footprint geometry)
     RETURNS boolean LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _stored_differences(p_scene_id bigint, p_key text, p_horizon_us bigint, OUT key text, OUT starts_us bigint, OUT leaves_us bigint, OUT others text[], OUT low_us bigint[], OUT high_us bigint[], OUT is_proven boolean[])
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _stored_horizon_us(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -2060,11 +2082,11 @@ FUNCTION _to_plane(p_geometry geometry, p_plane text)
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _track_feature(p_track track)
-    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
-
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
     RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _under_way(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
+    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2127,13 +2149,13 @@ FUNCTION _write_differences(p_scene_id bigint, p_track_id bigint[], p_other_kind
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], p_lacking_s double precision[], p_certainty text[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION admit(p_scene text, p_plans jsonb, p_owner text DEFAULT NULL::text, p_allow_known boolean DEFAULT false, p_replace text[] DEFAULT '{}'::text[], OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2182,9 +2204,6 @@ FUNCTION create_branch(p_scene text, p_name text, p_proposal_id bigint DEFAULT N
 
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
-
-FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
-    RETURNS TABLE(key text, least_later_s double precision, least_earlier_s double precision, blocked_by text[], forbidden jsonb, waits boolean, has_departed boolean, earliest_s double precision, latest_s double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
