@@ -1,6 +1,7 @@
 """Write areas and tracks as KML 2.2: polygons, and gx:Tracks of reference points.
 
-Members that KML has no room for are ExtendedData, named as in scene files.
+Members that KML has no room for are ExtendedData, named as in scene files. KML draws sides straight in longitude and
+latitude: long sides have vertices along the lines of the scene.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,9 +12,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.formats.file_objects import area_properties, datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
+from conflictdb.formats.rings import along_lines
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import writable, written
 from conflictdb.model.plans import Area, Scene, Track
@@ -30,13 +33,14 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     yield written("name", text=writable("scene", "name", scene.name)) + "\n"
     owners = _Owners([*areas, *tracks])
+    setup = Setup.of(centred(scene, areas, tracks))
     for area in areas:
         spans = spans_of(area)
         owner = owners.of_parts(area, len(spans))
         for number, span in enumerate(spans, 1):
             key = area.key if len(spans) == 1 else f"{area.key}/{number}"
             members = area_properties(area) | datum_of(scene, area) | owner
-            yield _placemark(key, members, _span(span), _polygons(area.footprint)) + "\n"
+            yield _placemark(key, members, _span(span), _polygons(along_lines(setup, area.footprint))) + "\n"
     for track in tracks:
         voyages = list(voyages_of(track))
         owner = owners.of_parts(track, len(voyages))

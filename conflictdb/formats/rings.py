@@ -1,6 +1,6 @@
 """Rings of polygons as files have them: long sides, the antimeridian, and the poles."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -8,6 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_RADIUS_M
+from conflictdb.earth.registry import Setup
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.hints import scene_read_for
 from conflictdb.model.plans import LINES, Area, Motion
@@ -55,29 +56,21 @@ class LongSides:
             deviation_m = _DEVIATIONS_M[scene.motion](ring)
             if not (deviation_m > most_m).any():
                 return ring
-            parts = np.maximum(np.ceil(np.sqrt(deviation_m / (0.5 * most_m))), 1.0).astype(np.int64)
-            if parts.sum() > MOST_VERTICES:
+            places = _places(deviation_m, most_m)
+            if places is None:
                 worst_m = max(worst_m, float(deviation_m.max()))
                 return ring
             is_changed = True
-            side = np.repeat(np.arange(len(parts)), parts)
-            share = (np.arange(len(side)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[side]
-            return np.concatenate([ring[side] + share[:, None] * np.diff(ring, axis=0)[side], ring[-1:]])
+            return _between(ring, *places)
 
-        polygons = [
-            shapely.Polygon(
-                along(shapely.get_coordinates(part.exterior)),
-                [along(shapely.get_coordinates(ring)) for ring in part.interiors],
-            )
-            for part in footprint.geoms
-        ]
+        changed = _of_rings(footprint, along)
         if worst_m:
             self._kept.append((worst_m, key))
             self._lines = LINES[scene.motion]
         if not is_changed:
             return footprint
         self._changed.append(key)
-        return shapely.MultiPolygon(polygons)
+        return changed
 
     def remarks(self, source: str) -> Iterator[Remark]:
         """Yield remarks on the footprints that were changed, and on those that were not."""
@@ -91,6 +84,59 @@ class LongSides:
                 f"{len(self._kept):,} areas have so long sides that they are taken as {self._lines}, not as straight in"
             )
             yield Remark(source, "file", f"{text} longitude and latitude: they differ by {worst_m:,.0f} m in {key:.60}")
+
+
+def along_lines(setup: Setup, footprint: shapely.MultiPolygon) -> shapely.MultiPolygon:
+    """Return a footprint for formats whose sides are straight in longitude and latitude; itself if it needs no change.
+
+    It has vertices along sides that deviate from the lines of the scene by more than DEVIATION_M, but for rings that
+    would have more than MOST_VERTICES.
+    """
+    is_changed = False
+
+    def along(ring: Floats) -> Floats:
+        nonlocal is_changed
+        deviation_m = _DEVIATIONS_M[setup.scene.motion](ring)
+        places = _places(deviation_m, DEVIATION_M) if (deviation_m > DEVIATION_M).any() else None
+        if places is None:
+            return ring
+        is_changed = True
+        straight = _between(ring, *places)
+        flat = np.column_stack(setup.plane.to_plane(*ring.T))
+        added = np.column_stack(setup.plane.from_plane(*_between(flat, *places).T))
+        added[:, 0] += 360.0 * np.round((straight[:, 0] - added[:, 0]) / 360.0)
+        return np.where(np.append(places[1] == 0.0, True)[:, None], straight, added)
+
+    changed = _of_rings(footprint, along)
+    return changed if is_changed else footprint
+
+
+def _of_rings(footprint: shapely.MultiPolygon, along: Callable[[Floats], Floats]) -> shapely.MultiPolygon:
+    return shapely.MultiPolygon(
+        [
+            shapely.Polygon(
+                along(shapely.get_coordinates(part.exterior)),
+                [along(shapely.get_coordinates(ring)) for ring in part.interiors],
+            )
+            for part in footprint.geoms
+        ]
+    )
+
+
+def _places(deviation_m: Floats, most_m: float) -> tuple[NDArray[np.int64], Floats] | None:
+    """Return the sides of the vertices of a ring, and where along them; None: they would be more than MOST_VERTICES.
+
+    The parts of a side deviate by at most half of `most_m`.
+    """
+    parts = np.maximum(np.ceil(np.sqrt(deviation_m / (0.5 * most_m))), 1.0).astype(np.int64)
+    if parts.sum() > MOST_VERTICES:
+        return None
+    side = np.repeat(np.arange(len(parts)), parts)
+    return side, (np.arange(len(side)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[side]
+
+
+def _between(ring: Floats, side: NDArray[np.int64], share: Floats) -> Floats:
+    return np.concatenate([ring[side] + share[:, None] * np.diff(ring, axis=0)[side], ring[-1:]])
 
 
 def _from_rhumb_lines_m(ring: Floats) -> Floats:

@@ -4,9 +4,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.outside import of_exchange
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.formats.rings import along_lines
+from conflictdb.model.plans import LINES, Area, Scene, Track
 
 # Formats by the ending of the name, without .gz, and the settings that their objects have, or that follow from these.
 _OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum"})
@@ -31,13 +33,26 @@ def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Seq
         yield Remark(str(path), "file", text)
     if form == "RTZ":
         return
+    if form == "KML":
+        setup = Setup.of(centred(scene, areas, tracks))
+        longer = [one.key for one in areas if along_lines(setup, one.footprint) is not one.footprint]
+        if longer:
+            text = f"KML draws sides straight in longitude and latitude: {_areas(len(longer))} with added vertices"
+            yield Remark(str(path), "file", f"{text}, along {LINES[scene.motion]}: {_named(longer)}")
     items: list[Area | Track] = [*areas, *tracks]
     recurring = [one.key for one in items if one.schedule is not None and not (form == "ED-318" and _is_kept(one))]
     if recurring:
-        named = ", ".join(map(repr, recurring[:_MOST_NAMED])) + (", …" if len(recurring) > _MOST_NAMED else "")
         text = f"{form} holds no such schedules: {len(recurring):,} objects are in the file with their activations"
         within = f"within the horizon of {scene.horizon_days:g} days, and with no later ones"
-        yield Remark(str(path), "file", f"{text} {within}: {named}")
+        yield Remark(str(path), "file", f"{text} {within}: {_named(recurring)}")
+
+
+def _named(keys: Sequence[str]) -> str:
+    return ", ".join(map(repr, keys[:_MOST_NAMED])) + (", …" if len(keys) > _MOST_NAMED else "")
+
+
+def _areas(count: int) -> str:
+    return "1 area is written" if count == 1 else f"{count:,} areas are written"
 
 
 def _is_kept(item: Area | Track) -> bool:

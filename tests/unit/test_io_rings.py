@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import InvalidInput, Scene, Track, read
+from conflictdb import Area, InvalidInput, Scene, Track, read
 from conflictdb.earth import geodesy
+from conflictdb.earth.registry import Setup, centred
+from conflictdb.formats import object_lines, unwritten, write_lines
 from conflictdb.formats.gather import gather
 from conflictdb.model.plans import EarthModel, Motion
 
@@ -167,3 +169,26 @@ def test_settings_in_another_file_of_the_scene_count(tmp_path: Path) -> None:
     second.write_text(json.dumps({"type": "FeatureCollection", "scene": settings, "features": []}))
     (plan,) = gather([first, second], "S")
     assert len(shapely.get_coordinates(plan.areas[0].footprint)) > 100
+
+
+@pytest.mark.parametrize("motion", list(Motion))
+@pytest.mark.parametrize(
+    "ring", [[(5, 60), (9, 62), (9, 60)], [(-170, 80), (-150, 81), (-160, 79)], [(176, 70), (180, 72), (180, 69)]]
+)
+def test_long_sides_come_back_from_kml_as_the_lines_of_their_scene(tmp_path: Path, motion: Motion, ring: Any) -> None:
+    """KML draws sides straight in degrees: the file has vertices along the scene's lines, and reading adds none."""
+    scene = Scene("s", motion=motion, centre=(0.0, 75.0) if motion == Motion.GREAT_CIRCLE else None)
+    area = Area("A", shapely.MultiPolygon([shapely.Polygon(ring)]))
+    path = tmp_path / "sides.kml"
+    write_lines(path, object_lines(path, scene, [area], []))
+    contents = read(path)
+    (found,) = contents.areas
+    assert [str(one) for one in contents.remarks if "long sides" in str(one)] == []
+    plane = Setup.of(centred(scene, [area], [])).plane
+    given, back = (
+        shapely.transform(one.footprint, lambda at: np.column_stack(plane.to_plane(*at.T))) for one in (area, found)
+    )
+    assert len(shapely.get_coordinates(back)) > 40
+    assert shapely.hausdorff_distance(given, back) < 1e-6
+    (said,) = [str(one) for one in unwritten(path, scene, [area], []) if "vertices" in str(one)]
+    assert "1 area is written with added vertices" in said
