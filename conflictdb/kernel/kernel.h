@@ -192,8 +192,7 @@ KERNEL_API KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows
  * place_deg : (count, 2) waypoints, longitude and latitude; longitudes take the shorter way round
  * bearing_deg : (count - 1,) degrees clockwise from north
  */
-KERNEL_API KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, int64_t count,
-                                        double *bearing_deg);
+KERNEL_API KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, int64_t count, double *bearing_deg);
 
 /* Convert places of the plane to degrees.
  *

@@ -35,8 +35,7 @@ static inline Span span_of(const KernelBoxes *rows, int64_t i) {
 }
 
 /* Whether two pieces of different objects, rows i of a and j of b, may meet. */
-static inline bool may_meet(const KernelBoxes *a, int64_t i, const KernelBoxes *b, int64_t j,
-                            const KernelCompared *compared) {
+static inline bool may_meet(const KernelBoxes *a, int64_t i, const KernelBoxes *b, int64_t j, const KernelCompared *compared) {
     if (a->boxes && b->boxes && !boxes_meet(a->boxes + 4 * i, b->boxes + 4 * j)) return false;
     if (!times_meet(span_of(a, i), span_of(b, j), compared->within_us)) return false;
     if (!heights_meet(a->floor_m[i], a->ceiling_m[i], b->floor_m[j], b->ceiling_m[j])) return false;

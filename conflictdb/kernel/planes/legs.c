@@ -40,8 +40,7 @@ KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, 
         const double *place = place_deg + 2 * i;
         if (headings_of(plane, place, place + 2, heading)) {
             /* Those that stand still before the first leg that moves have its heading. */
-            for (; waiting > 0; waiting--)
-                bearing_deg[i - waiting] = heading[0] + meridians_apart(place - 2 * waiting, place);
+            for (; waiting > 0; waiting--) bearing_deg[i - waiting] = heading[0] + meridians_apart(place - 2 * waiting, place);
             bearing_deg[i] = heading[0], last = heading[1], arrived = place + 2;
         } else {
             bearing_deg[i] = arrived ? last + meridians_apart(place, arrived) : 0.0;
