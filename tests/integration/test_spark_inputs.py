@@ -66,7 +66,9 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, sp
     exported(tmp_path / "parts" / "2.parquet", SCENE, pa.concat_tables([tracks.slice(1), areas]))
     # As pandas writes columns of unknown type, and small numbers.
     place = areas.schema.get_field_index("times")
-    untyped = areas.set_column(place, "times", pa.nulls(1)).set_column(3, "version", pa.array([1], pa.int32()))
+    untyped = areas.set_column(place, "times", pa.nulls(1)).set_column(
+        areas.schema.get_field_index("version"), "version", pa.array([1], pa.int32())
+    )
     exported(tmp_path / "untyped" / "1.parquet", SCENE, untyped)
     exported(tmp_path / "untyped" / "2.parquet", SCENE, tracks)
     dated = both.append_column("valid_from", pa.array(["2026-01-01"] * len(both)))
@@ -74,10 +76,11 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, sp
     renamed = {"case": ("start", "Start"), "unit": ("floor_m", "floor_ft"), "zone": ("start", "start")}
     for name, (old, new) in renamed.items():
         table = both.rename_columns([new if column == old else column for column in both.column_names])
+        place = table.schema.get_field_index(new)
         if name == "zone":
-            table = table.set_column(6, "start", table["start"].cast(pa.timestamp("us")))
+            table = table.set_column(place, new, table[new].cast(pa.timestamp("us")))
         if name == "unit":
-            table = table.set_column(12, "floor_ft", pa.array([1.0, 2.0, 3.0]))
+            table = table.set_column(place, new, pa.array([1.0, 2.0, 3.0]))
         exported(tmp_path / f"{name}.parquet", None, table)
     exported(tmp_path / "empty.parquet", SCENE, both.slice(0, 0))
     (tmp_path / "nothing.parquet").touch()

@@ -92,12 +92,14 @@ static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int
 /* Ask how deep pairs are in areas whose rings are often those of pieces; now and then of an area that there is not. */
 static void ask_whole_areas(const KernelScene *scene, const KernelPairs *pairs, const double *xy, int64_t vertices, double size,
                             int64_t odd, int64_t calls[16]) {
-    const int64_t n = below(4), rings = below(6), corners = vertices > 0 && below(4) ? below(vertices) + 1 : 0, m = pairs->count;
+    const int64_t n = below(4), rings = below(6), corners = vertices > 0 && below(4) ? below(vertices) + 1 : 0,
+                  m = pairs->count;
     double *ring = block(2 * corners, 8), *margin = block(n, 8), *east = block(m, 8);
     int64_t *ring_offset = block(rings + 1, 8), *area_offset = block(n + 1, 8), *area = block(m, 8);
     int8_t *is_b = block(m, 1), *depth = block(m, 1);
     for (int64_t i = 0; i < 2 * corners; i++) ring[i] = below(9 * odd) ? xy[i] : number(-1e7, 1e7, 2);
-    for (int64_t r = 0; r <= rings; r++) ring_offset[r] = below(20 * odd) ? r * corners / (rings > 0 ? rings : 1) : instant(-2, 50, 2);
+    for (int64_t r = 0; r <= rings; r++)
+        ring_offset[r] = below(20 * odd) ? r * corners / (rings > 0 ? rings : 1) : instant(-2, 50, 2);
     for (int64_t k = 0; k <= n; k++) area_offset[k] = below(20 * odd) ? k * rings / (n > 0 ? n : 1) : instant(-2, 9, 2);
     for (int64_t k = 0; k < n; k++) margin[k] = number(0.0, size, odd);
     for (int64_t i = 0; i < m; i++) {
@@ -181,13 +183,26 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     double *boxes = block(4 * n, 8), *floor_m = block(n, 8), *ceiling_m = block(n, 8);
     int64_t *start = block(n, 8), *end = block(n, 8), *object = block(n, 8), *order = block(n, 8), *of = block(wanted, 8);
     int64_t *first = block(room, 8), *second = block(room, 8), done, found, looked_at;
-    uint8_t *is_copy = block(n, 1);
+    int64_t *owner = block(n, 8), *type = block(n, 8);
+    uint8_t *is_copy = block(n, 1), *inclusive = block(n, 1), *met = block(wanted, 1), of_types[9];
+    for (int64_t i = 0; i < 9; i++) of_types[i] = (uint8_t)below(2);
     for (int64_t i = 0; i < 4 * n; i++) boxes[i] = number(-10.0, 10.0, odd) + (i % 4 > 1 ? 10.0 : 0.0);
     for (int64_t i = 0; i < n; i++) {
+        inclusive[i] = (uint8_t)below(2), owner[i] = below(4), type[i] = below(20 * odd) ? below(3) : instant(-3, 5, 2);
         floor_m[i] = number(-10.0, 10.0, odd), ceiling_m[i] = number(-10.0, 30.0, odd), is_copy[i] = (uint8_t)below(2);
         start[i] = instant(0, 50, odd), end[i] = instant(0, 100, odd), object[i] = below(odd) ? below(n) : (int64_t)draw();
     }
-    KernelBoxes rows = {below(200) ? n : -1, boxes, floor_m, ceiling_m, start, end, below(200) ? object : NULL, is_copy};
+    KernelBoxes rows = {below(200) ? n : -1,
+                        boxes,
+                        floor_m,
+                        ceiling_m,
+                        start,
+                        end,
+                        below(200) ? object : NULL,
+                        below(200) ? is_copy : NULL,
+                        below(3) ? inclusive : NULL,
+                        below(3) ? owner : NULL,
+                        below(3) ? type : NULL};
     KernelStatus status = kernel_box_order(&rows, order);
     calls[status]++;
     for (int64_t i = 0; status == KERNEL_OK && i < n; i++)
@@ -198,6 +213,14 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     if (status == KERNEL_OK && (done < 0 || done > wanted || found > room)) abort();
     for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
+    KernelBoxes others = rows;
+    others.boxes = below(3) ? boxes : NULL;
+    const KernelCompared compared = {instant(0, 20, odd), below(50) ? 3 : -1, below(3) ? of_types : NULL};
+    for (int64_t k = 0; k < room && k < wanted; k++) first[k] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 50, 2);
+    status = kernel_may_meet(&rows, &others, below(200) ? &compared : NULL, of, first, room < wanted ? room : wanted, met);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < room && k < wanted; k++)
+        if (met[k] > 1) abort();
     KernelBoxTree *tree = NULL;
     status = kernel_box_tree_make(&rows, below(200) ? &tree : NULL);
     calls[status]++;
@@ -208,7 +231,7 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
     kernel_box_tree_free(tree);
     free(boxes), free(floor_m), free(ceiling_m), free(start), free(end), free(object), free(order), free(of);
-    free(first), free(second), free(is_copy);
+    free(first), free(second), free(is_copy), free(inclusive), free(owner), free(type), free(met);
 }
 
 /* Read polygons, some of several rings, from bytes that are now and then others, or fewer. */
@@ -277,14 +300,14 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
         t0[i] = number(0.0, 3600.0, odd), t1[i] = number(0.0, 7200.0, odd);
     }
     KernelRows rows = {below(50 * odd) ? n : -1, piece, zero, below(50 * odd) ? origin : NULL};
-    KernelBounds bounds = {velocity, acceleration, below(50 * odd) ? spread : NULL, deviation, scale, curve,
-                           below(50 * odd) ? variation : NULL};
+    KernelBounds bounds = {velocity, acceleration, below(50 * odd) ? spread : NULL,   deviation,
+                           scale,    curve,        below(50 * odd) ? variation : NULL};
     calls[kernel_positions(scene, &rows, t0, below(20 * odd) ? room : below(slots + 1) - 1, xy)]++;
     calls[kernel_references(scene, &rows, t1, reference)]++;
     calls[kernel_bounds(scene, &rows, t0, t1, &bounds)]++;
     if (scene) calls[kernel_states(scene, state)]++;
-    void *blocks[] = {piece, zero,   origin,    t0,    t1,        xy,        velocity, acceleration,
-                      spread, deviation, scale, curve, variation, reference, state};
+    void *blocks[] = {piece,  zero,      origin, t0,    t1,        xy,        velocity, acceleration,
+                      spread, deviation, scale,  curve, variation, reference, state};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 
@@ -333,8 +356,19 @@ static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, 
         weight[i] = number(0.01, 100.0, odd);
         if (is_factor) least[i] = number(0.01, 1.0, odd), most[i] = number(1.0, 100.0, odd);
     }
-    KernelShifts shifts = {below(50 * odd) ? m : -1, is_factor, pairs->a, pairs->b, pairs->zero_us, zero, pairs->low_s, pairs->high_s,
-                           low, below(50 * odd) ? high : NULL, below(50 * odd) ? least : NULL, most, below(2) ? weight : NULL};
+    KernelShifts shifts = {below(50 * odd) ? m : -1,
+                           is_factor,
+                           pairs->a,
+                           pairs->b,
+                           pairs->zero_us,
+                           zero,
+                           pairs->low_s,
+                           pairs->high_s,
+                           low,
+                           below(50 * odd) ? high : NULL,
+                           below(50 * odd) ? least : NULL,
+                           most,
+                           below(2) ? weight : NULL};
     KernelStatus status = kernel_differences(scene, &shifts, reach, found, &work);
     calls[status]++;
     for (int64_t i = 0; status == KERNEL_OK && i < m; i++) {
@@ -397,7 +431,8 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     double *low = block(m, 8), *high = block(m, 8), *beyond = block(m, 8), *distance = block(m, 8);
     int64_t *company = block(m, 8);
     for (int64_t i = 0; i < m; i++) {
-        a[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2), b[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
+        a[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2),
+        b[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
         zero[i] = instant(0, hour, odd), low[i] = number(0.0, 1800.0, odd), high[i] = low[i] + number(0.0, 5400.0, odd);
     }
     KernelPairs pairs = {m, a, b, zero, low, high};
@@ -406,7 +441,8 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
         /* A small share of the work each, else hopeless pairs take most of the time. */
         beyond[i] = number(0.0, 5400.0, 3), company[i] = instant(1000, 100000, 3 * odd);
     }
-    KernelQuestion question = {below(2) ? 0.0 : number(0.0, 10.0 * size, odd), below(2) ? 0.0 : number(0.0, size, odd), .pairs_of_objects = company};
+    KernelQuestion question = {below(2) ? 0.0 : number(0.0, 10.0 * size, odd), below(2) ? 0.0 : number(0.0, size, odd),
+                               .pairs_of_objects = company};
     if (below(2)) question.beyond_s = beyond;
     if (below(3) == 0) question.guess = some_guess;
     KernelContact *contacts = NULL;
@@ -442,8 +478,8 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     for (int64_t i = 0; scene && i < n; i++) slots = offset[i + 1] - offset[i] > slots ? offset[i + 1] - offset[i] : slots;
     ask_rows(scene, n, slots, odd, calls);
     kernel_scene_free(scene);
-    void *blocks[] = {offset, xy, to, moves, turn, start, end, leg_start, leg_end, from_deg, to_deg, bearing,
-                      a, b, zero, low, high, beyond, company, distance};
+    void *blocks[] = {offset, xy,      to, moves, turn, start, end,  leg_start, leg_end, from_deg,
+                      to_deg, bearing, a,  b,     zero, low,   high, beyond,    company, distance};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 

@@ -283,12 +283,15 @@ static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t 
     Vector origin = scene->bodies[shifts->a[i]].origin;
     Goal goal = {shifts->is_factor, shifts->least[i], shifts->most[i], ROUNDED_S, weight_of(shifts, i)};
     if (!(u0 <= u1 && v0 <= v1 && goal.weight > 0.0 && goal.weight < INFINITY)) return false;
-    if (goal.is_factor && !(u0 >= 0.0 && goal.least > 0.0 && goal.most < INFINITY)) return false;
+    bool is_in_order = goal.least > 0.0 && goal.least <= goal.most && goal.most < INFINITY;
+    if (goal.is_factor && !(u0 >= 0.0 && is_in_order)) return false;
     if (!border_move(scene, shifts->a[i], shifts->a_zero_us[i], u0, u1, origin, &pair->a)) return false;
     if (!border_move(scene, shifts->b[i], shifts->b_zero_us[i], v0, v1, origin, &pair->b)) return false;
     *whole = (Box){.u0 = u0, .u1 = u1, .v0 = v0, .v1 = v1, .part = part_of(u0, u1, v0, v1)};
     goal_cut_asked(&goal, &whole->part);
     if (whole->part.count > 0) fit(whole);
+    /* Limits near the largest number overflow. */
+    if (!(whole->u0 <= whole->u1 && whole->v0 <= whole->v1)) return false;
     int64_t n = pair->a.body->count, m = pair->b.body->count, looks = (int64_t)MOST_LOOKS * FEW_VERTICES / (n + m);
     search->looks_left = (int)(looks > MOST_LOOKS ? MOST_LOOKS : looks < LEAST_LOOKS ? LEAST_LOOKS : looks);
     search->cuts.shift.evaluations_left = (int64_t)PLACES_PER_LOOK * search->looks_left;

@@ -3,6 +3,7 @@
 
 #include "planes/motion.h"
 #include "planes/plane.h"
+#include "scene/border.h"
 
 #define RADIANS (3.14159265358979323846 / 180.0)
 
@@ -33,6 +34,8 @@ static double meridians_apart(const double *place, const double *same) {
 KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, int64_t count, double *bearing_deg) {
     if (!plane || (count > 0 && !place_deg) || (count > 1 && !bearing_deg)) return KERNEL_NULL;
     if (count < 0) return KERNEL_BAD_COUNT;
+    KernelStatus status = border_check_plane(plane);
+    if (status != KERNEL_OK) return status;
     double last = 0.0, heading[2];
     const double *arrived = NULL;
     int64_t waiting = 0;
@@ -53,6 +56,8 @@ KernelStatus kernel_headings(const KernelPlane *plane, const double *place_deg, 
 KernelStatus kernel_degrees(const KernelPlane *plane, const double *xy, int64_t count, double *degrees) {
     if (!plane || (count > 0 && (!xy || !degrees))) return KERNEL_NULL;
     if (count < 0) return KERNEL_BAD_COUNT;
+    KernelStatus status = border_check_plane(plane);
+    if (status != KERNEL_OK) return status;
     for (int64_t i = 0; i < count; i++) {
         Vector place = {xy[i], xy[count + i]};
         plane_degrees(plane, place, degrees + 2 * i);
