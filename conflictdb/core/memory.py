@@ -20,7 +20,7 @@ _ROOM_FOR_BOXES: Final = 0.85
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class MemoryBudget:
     """Numbers of pairs of pieces solved at once, of pieces built at once, and of boxes in memory at once."""
 
     pairs: int
@@ -39,4 +39,4 @@ class Memory:
         return replace(self, pairs=self.pairs - taken // _PAIR_BYTES, pieces=self.pieces - taken // _PIECE_BYTES)
 
 
-DEFAULT_MEMORY: Final = Memory.of(MEMORY_MB)
+DEFAULT_MEMORY: Final = MemoryBudget.of(MEMORY_MB)

@@ -76,7 +76,7 @@ _CORNERS: Final = 3
 
 
 @dataclass(slots=True)
-class _Airspace:
+class _OpenAirspace:
     """The records of an airspace, each with its line."""
 
     line: int
@@ -137,9 +137,9 @@ def _remarks(source: str, others: Counter[str], always: Sequence[str], crossing:
         yield Remark(source, "file", f"records that are not read: {named}")
 
 
-def _airspaces(text: str, others: Counter[str]) -> Iterator[_Airspace]:
+def _airspaces(text: str, others: Counter[str]) -> Iterator[_OpenAirspace]:
     """Yield the airspaces of a text; counts records that are not read."""
-    airspace: _Airspace | None = None
+    airspace: _OpenAirspace | None = None
     for line, given in enumerate(_LINE_END.split(text), 1):
         if (comment := _COMMENT.match(given.lstrip())) is not None:
             others[f"*{comment[1]}"] += 1
@@ -151,7 +151,7 @@ def _airspaces(text: str, others: Counter[str]) -> Iterator[_Airspace]:
         if name == "AC":
             if airspace is not None:
                 yield airspace
-            airspace = _Airspace(line)
+            airspace = _OpenAirspace(line)
         elif name in _TERRAIN:
             if airspace is not None:
                 yield airspace
@@ -167,7 +167,7 @@ def _airspaces(text: str, others: Counter[str]) -> Iterator[_Airspace]:
         yield airspace
 
 
-def _keys(airspaces: Sequence[_Airspace], stem: str) -> list[str]:
+def _keys(airspaces: Sequence[_OpenAirspace], stem: str) -> list[str]:
     """Return the ids of airspaces: AI, or a name that no other one has, or their numbers."""
     named = [one.value("AI") or one.value("AN") for one in airspaces]
     given = Counter(named)
@@ -178,7 +178,7 @@ def _keys(airspaces: Sequence[_Airspace], stem: str) -> list[str]:
 
 
 def _zone(
-    who: str, key: str, airspace: _Airspace, active: Sequence[Active], found: Gathered, others: Counter[str]
+    who: str, key: str, airspace: _OpenAirspace, active: Sequence[Active], found: Gathered, others: Counter[str]
 ) -> tuple[Zone, bool]:
     """Return the zone of an airspace, and whether an outline crosses itself; counts records that are not read."""
     for name in _ONCE:
@@ -198,7 +198,7 @@ def _zone(
     return zone, any(volume.footprint is not shape for volume, shape in zip(volumes, shapes, strict=True))
 
 
-def _active(who: str, airspace: _Airspace) -> list[Active] | None:
+def _active(who: str, airspace: _OpenAirspace) -> list[Active] | None:
     """Return when an airspace is active, an empty list for always, None for never."""
     times = [(line, value.partition(";")[0].strip()) for line, value in airspace.all("AA")]
     never = [line for line, value in times if all(one.strip().upper() == _NONE for one in value.split("/"))]
@@ -225,7 +225,7 @@ def _span(who: str, where: str, value: str) -> Active:
         raise InvalidInput(who, where, str(error)) from None
 
 
-def _height(who: str, airspace: _Airspace, name: str) -> float | None:
+def _height(who: str, airspace: _OpenAirspace, name: str) -> float | None:
     """Return a limit in metres above the scene's vertical datum, None if it is unbounded. Feet are the default unit."""
     for line, value in airspace.all(name):
         where, is_floor = f"{name} in line {line}", name == "AL"
@@ -242,7 +242,7 @@ def _height(who: str, airspace: _Airspace, name: str) -> float | None:
     return None
 
 
-def _shapes(who: str, airspace: _Airspace, found: Gathered) -> Iterator[shapely.MultiPolygon]:
+def _shapes(who: str, airspace: _OpenAirspace, found: Gathered) -> Iterator[shapely.MultiPolygon]:
     """Yield a polygon for each circle of an airspace, and one for all its points and arcs."""
     parts: list[list[tuple[float, float]] | Arc] = []
     first = 0

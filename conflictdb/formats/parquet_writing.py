@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.arrow.columns import of_numbers
-from conflictdb.arrays.arrow.forms import METADATA_KEY, Form
+from conflictdb.arrays.arrow.forms import METADATA_KEY, ArrowForm
 from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES, of_rows
 from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.formats.geoparquet import COVERING, GEOMETRY, SIDES, metadata
@@ -62,7 +62,7 @@ def write_conflicts(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:
 
 @contextmanager
 def _written(
-    stream: IO[bytes], form: Form, schema: "pa.Schema", more: Mapping[str, Any]
+    stream: IO[bytes], form: ArrowForm, schema: "pa.Schema", more: Mapping[str, Any]
 ) -> "Iterator[pq.ParquetWriter]":
     about = {"form": form.name, "edition": form.edition, **more}
     # With its own schema in the file Arrow reads no metadata but those, and `geo` is known when all is written.

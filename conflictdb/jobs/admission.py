@@ -11,7 +11,7 @@ from conflictdb.core.conflicts_between import conflicts_between
 from conflictdb.core.members import Member, Members, by_kind
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.jobs.near import members, members_near, require_within, world_of
+from conflictdb.jobs.members_near import members, members_near, require_within, world_of
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Admission, Conflict, Results, Verdict
 

@@ -27,7 +27,7 @@ from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.funnel import Funnel, Progress
-from conflictdb.core.memory import MEMORY_MB, Memory
+from conflictdb.core.memory import MEMORY_MB, MemoryBudget
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.run import run_scene
 from conflictdb.core.separations import Separations
@@ -148,7 +148,7 @@ def detect(
         progress,
         lock_timeout_s,
         say,
-        Memory.of(memory_mb),
+        MemoryBudget.of(memory_mb),
         few_objects,
         phase=phase or _silent,
     )
@@ -170,7 +170,7 @@ def detect_pending(
     another lock is not free within 10 s.
     """
     jobs = jobs or os.cpu_count() or 1
-    options = _Options(jobs, None, 0.0, _log.debug, Memory.of(memory_mb), few_objects, only_pending=True)
+    options = _Options(jobs, None, 0.0, _log.debug, MemoryBudget.of(memory_mb), few_objects, only_pending=True)
     try:
         with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(options.lock_timeout_s)):
             return _run(conn, scene, False, options)
@@ -189,7 +189,7 @@ class _Options:
     progress: Progress | None
     lock_timeout_s: float | None
     say: store.Say
-    memory: Memory
+    memory: MemoryBudget
     few_objects: int
     only_pending: bool = False
     phase: Phase = _silent
@@ -311,7 +311,7 @@ def refresh_pieces(
     scene_id: int,
     pending: store.Pending,
     record: store.RunRecord,
-    memory: Memory,
+    memory: MemoryBudget,
     *,
     is_first: bool,
     is_full: bool = False,
@@ -332,7 +332,7 @@ def _changed_pieces(
     scene_id: int,
     pending: store.Pending,
     setup: Setup,
-    memory: Memory,
+    memory: MemoryBudget,
     phase: Phase,
 ) -> Iterator[Pieces]:
     """Yield the pieces of the changed objects of a scene, in batches."""

@@ -16,7 +16,7 @@ from conflictdb import store
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core import near
 from conflictdb.core.delays import differences_with
-from conflictdb.core.memory import Memory
+from conflictdb.core.memory import MemoryBudget
 from conflictdb.core.object_pairs import object_numbers
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup
@@ -36,7 +36,7 @@ def refresh_differences(
     scene_id: int,
     setup: Setup,
     changed: list[int] | None,
-    memory: Memory,
+    memory: MemoryBudget,
     *,
     jobs: int = 1,
     progress: Callable[[int, int], object] = lambda done, of: None,

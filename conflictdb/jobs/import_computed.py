@@ -23,7 +23,7 @@ from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.core.memory import MEMORY_MB, Memory
+from conflictdb.core.memory import MEMORY_MB, MemoryBudget
 from conflictdb.errors import InvalidInput
 from conflictdb.jobs.detect import refresh_pieces
 from conflictdb.jobs.difference_rows import refresh_differences
@@ -89,14 +89,14 @@ def write_back(
         current = store.object_states(conn, scene_id)
         same = _same(scene, current, computed)
         pending = store.pending(conn, scene_id)
-        setup, record = refresh_pieces(conn, scene_id, pending, record, Memory.of(memory_mb), is_first=False)
+        setup, record = refresh_pieces(conn, scene_id, pending, record, MemoryBudget.of(memory_mb), is_first=False)
         store.cover(conn, scene_id, same)
         staged = store.begin_write(conn, scene_id, record)
         staged.known.leave(same)
         for found, region in _each(conflicts, computed, same):
             for part in store.differing(staged, found):
                 store.stage(conn, staged, part, region.take(part.rows))
-        refresh_differences(conn, scene_id, setup, None, Memory.of(memory_mb))
+        refresh_differences(conn, scene_id, setup, None, MemoryBudget.of(memory_mb))
         kept = {**record.settings, "is_written_back": True}
         outcome = store.end_write(conn, staged, replace(record, settings=kept))
         with store.translated():

@@ -17,14 +17,14 @@ from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.core.conflicts_between import conflicts_between
 from conflictdb.core.members import Members, by_kind
-from conflictdb.core.memory import MEMORY_MB, Memory
+from conflictdb.core.memory import MEMORY_MB, MemoryBudget
 from conflictdb.core.run import run_scene
 from conflictdb.core.to_results import to_results
 from conflictdb.core.world import World, is_within, occupy
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.jobs.admission import admit
-from conflictdb.jobs.near import members_near, state_for, world_of
+from conflictdb.jobs.members_near import members_near, state_for, world_of
 from conflictdb.jobs.sources import PLAN, PlanBeside
 from conflictdb.jobs.track_delays import delays
 from conflictdb.model.inputs import certain
@@ -58,14 +58,14 @@ def probe(
     """
     store.begin_snapshot(conn)
     try:
-        return _found(conn, scene, plans, jobs, Memory.of(memory_mb))
+        return _found(conn, scene, plans, jobs, MemoryBudget.of(memory_mb))
     finally:
         with store.translated():
             conn.rollback()
 
 
 def _found(
-    conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], jobs: int, memory: Memory
+    conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], jobs: int, memory: MemoryBudget
 ) -> Listing[Conflict]:
     """Return the conflicts of plans, on the snapshot of the open transaction."""
     number = store.scene_id(conn, scene)
@@ -113,12 +113,12 @@ def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEM
     until_s = time.monotonic() + _ANSWERING_S
     passed_over: list[int] = []
     while time.monotonic() < until_s:
-        if not _answer_one(conn, jobs, Memory.of(memory_mb), passed_over):
+        if not _answer_one(conn, jobs, MemoryBudget.of(memory_mb), passed_over):
             return False
     return True
 
 
-def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed_over: list[int]) -> bool:
+def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: MemoryBudget, passed_over: list[int]) -> bool:
     """Answer the next request; return whether there was one.
 
     passed_over : requests that wait for another session, which this appends to
@@ -147,7 +147,7 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
 
 
 def _answer_held(
-    conn: psycopg.Connection[Any], probe_id: int, jobs: int, memory: Memory, passed_over: list[int]
+    conn: psycopg.Connection[Any], probe_id: int, jobs: int, memory: MemoryBudget, passed_over: list[int]
 ) -> None:
     """Answer a request that the open transaction holds, or release it if another session is in the way."""
     try:
@@ -162,7 +162,7 @@ def _answer_held(
         store.release_probe(conn, probe_id)
 
 
-def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs: int, memory: Memory) -> None:
+def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs: int, memory: MemoryBudget) -> None:
     """Answer a request, in the open transaction."""
     options = request.options
     if request.kind == "delays":
@@ -192,7 +192,7 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
 
 
 def _probed_alone(
-    conn: psycopg.Connection[Any], scene_id: int, world: World, plan: Area | Track, jobs: int, memory: Memory
+    conn: psycopg.Connection[Any], scene_id: int, world: World, plan: Area | Track, jobs: int, memory: MemoryBudget
 ) -> list[Conflict]:
     """Return the conflicts of a plan with the pieces of the last detection, but those of its namesake."""
     scene = world.setup.scene

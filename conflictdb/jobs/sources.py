@@ -16,7 +16,7 @@ from conflictdb import store
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
-from conflictdb.core.memory import DEFAULT_MEMORY, Memory
+from conflictdb.core.memory import DEFAULT_MEMORY, MemoryBudget
 from conflictdb.core.near import Chunk, Question
 from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.core.separations import NEVER, Separations
@@ -51,7 +51,7 @@ class Stored:
         self,
         conn: psycopg.Connection[Any],
         scene_id: int,
-        memory: Memory = DEFAULT_MEMORY,
+        memory: MemoryBudget = DEFAULT_MEMORY,
         meanwhile: Callable[[], None] = lambda: None,
         separations: Separations | None = None,
     ) -> None:
@@ -129,7 +129,7 @@ class FewStored(Stored):
         self,
         conn: psycopg.Connection[Any],
         scene_id: int,
-        memory: Memory,
+        memory: MemoryBudget,
         srid: int,
         pieces: Pieces,
         most_compared: int = MOST_COMPARED,
@@ -169,7 +169,7 @@ class PlanBeside(Stored):
         plan: Area | Track,
         replaced: str | None,
         pieces: Pieces,
-        memory: Memory,
+        memory: MemoryBudget,
         most_compared: int = MOST_COMPARED,
     ) -> None:
         super().__init__(conn, scene_id, memory)
@@ -239,7 +239,7 @@ def joined(
         yield replace(found, share=1.0)
 
 
-def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory, within_us: int) -> Iterator[Chunk]:
+def pairs_of_rows(found: store.Candidates, read: Read, memory: MemoryBudget, within_us: int) -> Iterator[Chunk]:
     """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
     for some in _readable(found, memory.pieces):
         bundles, place = read(np.unique(np.concatenate([some.a, some.b])))

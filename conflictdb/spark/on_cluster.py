@@ -21,7 +21,7 @@ from pyspark.sql.types import BinaryType
 from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.object_rows import OBJECTS
-from conflictdb.core.memory import MEMORY_MB, Memory
+from conflictdb.core.memory import MEMORY_MB, MemoryBudget
 from conflictdb.core.world import horizon, hull
 from conflictdb.earth.registry import middle_deg, summed_directions
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
@@ -125,7 +125,7 @@ def detected(
     together = met.repartition(count, "group").sortWithinPartitions("group")
     outlines = _outlines(spark, cut if large else None)
     solve = partial(
-        solving.solved, scene=scene, outlines=outlines, pairs_at_once=Memory.of(memory_mb - _SPARK_MB).pairs
+        solving.solved, scene=scene, outlines=outlines, pairs_at_once=MemoryBudget.of(memory_mb - _SPARK_MB).pairs
     )
     found = _named(mapped(together, solve, solving.SCHEMA), names)
     weakref.finalize(found, _free, cut).atexit = False

@@ -7,7 +7,7 @@ import shapely
 from psycopg import Connection
 
 from conflictdb import store
-from conflictdb.core.memory import LEAST_MEMORY_MB, Memory
+from conflictdb.core.memory import LEAST_MEMORY_MB, MemoryBudget
 from conflictdb.model.plans import Area, Scene
 
 AREAS = 700  # 244,650 pairs, all meet: several chunks at the least memory, hundreds of megabytes at once
@@ -26,7 +26,7 @@ def test_a_detection_keeps_below_the_memory_that_it_is_given(dsn: str, conn: Con
     areas = [Area(f"A{i}", shapely.MultiPolygon([shapely.box(5.0 + 1e-4 * i, 57.0, 6.0, 58.0)])) for i in range(AREAS)]
     store.replace_scene(conn, Scene("s"), areas, [], merge=False)
     pairs = AREAS * (AREAS - 1) // 2
-    assert pairs > 2 * Memory.of(LEAST_MEMORY_MB).pairs
+    assert pairs > 2 * MemoryBudget.of(LEAST_MEMORY_MB).pairs
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, dsn, str(LEAST_MEMORY_MB)], capture_output=True, text=True, check=True
     )

@@ -16,7 +16,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core import near
-from conflictdb.core.memory import DEFAULT_MEMORY, Memory
+from conflictdb.core.memory import DEFAULT_MEMORY, MemoryBudget
 from conflictdb.core.near import Chunk, PairSource, Question
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.plane import Plane
@@ -71,7 +71,7 @@ def in_memory(dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Tr
 
 @contextmanager
 def in_the_database(
-    dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], memory: Memory = DEFAULT_MEMORY
+    dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], memory: MemoryBudget = DEFAULT_MEMORY
 ) -> Iterator[Opened]:
     with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
         scene_id = piecework.load(conn, scene, list(areas), list(tracks))
@@ -115,8 +115,8 @@ SOURCES: Final[dict[str, Open]] = {
     "in memory": in_memory,
     "in the database": in_the_database,
     "joined by the database": partial(in_the_database, memory=replace(DEFAULT_MEMORY, boxes=0)),
-    "joined by the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=0)),
+    "joined by the database, some at a time": partial(in_the_database, memory=MemoryBudget(pairs=7, pieces=5, boxes=0)),
     "few changes, stage 2 in the database": partial(of_few_changes, most_compared=10**9),
     "few changes, stage 2 at the client": partial(of_few_changes, most_compared=-1),
-    "in the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=10_000)),
+    "in the database, some at a time": partial(in_the_database, memory=MemoryBudget(pairs=7, pieces=5, boxes=10_000)),
 }

@@ -15,7 +15,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
-from conflictdb.core.memory import Memory
+from conflictdb.core.memory import MemoryBudget
 
 EXPECTED = {
     ("CABLE", "SUB-1"),
@@ -669,7 +669,7 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
 
 def test_a_detection_in_several_chunks_is_one_phase_with_an_estimate(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its end is extrapolated from the objects whose pairs were found; conflicts are written in between."""
-    monkeypatch.setattr(Memory, "of", lambda memory_mb: Memory(pairs=4, pieces=1_000, boxes=1_000))
+    monkeypatch.setattr(MemoryBudget, "of", lambda memory_mb: MemoryBudget(pairs=4, pieces=1_000, boxes=1_000))
     phases: list[tuple[str, int, int]] = []
     with conflictdb.connect(dsn) as db:
         db.load_files([STRAIT])

@@ -20,7 +20,7 @@ from conflictdb import InvalidInput, connect, store
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.core import pair_differences
 from conflictdb.core.delays import Differences, Leeway, delays_of
-from conflictdb.core.memory import Memory
+from conflictdb.core.memory import MemoryBudget
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup
 from conflictdb.jobs import difference_rows, import_computed, probes, schema
@@ -433,7 +433,7 @@ def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.setattr(store, "pieces_near", counted)
         for pieces in (40, 400):
             read.clear()
-            memory = Memory(pairs=50, pieces=pieces, boxes=10**6)
+            memory = MemoryBudget(pairs=50, pieces=pieces, boxes=10**6)
             with db.connection.transaction():
                 db.connection.execute("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
                 number = store.scene_id(db.connection, scene.name)

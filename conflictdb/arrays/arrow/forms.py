@@ -18,7 +18,7 @@ Array: TypeAlias = pa.Array
 
 
 @dataclass(frozen=True)
-class Form:
+class ArrowForm:
     """A named schema with an edition.
 
     schema : a nullable column may also be missing; then it is null throughout
@@ -29,7 +29,7 @@ class Form:
     schema: "pa.Schema"
 
     @classmethod
-    def of(cls, name: str, edition: int, fields: "list[pa.Field]") -> "Form":
+    def of(cls, name: str, edition: int, fields: "list[pa.Field]") -> "ArrowForm":
         """Return a form whose schema metadata name it."""
         said = json.dumps({"form": name, "edition": edition}).encode()
         return cls(name, edition, pa.schema(fields, metadata={METADATA_KEY: said}))

@@ -25,7 +25,7 @@ from conflictdb.arrays.arrow.columns import (
     of_measures,
     of_numbers,
 )
-from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
+from conflictdb.arrays.arrow.forms import INSTANT, Array, ArrowForm, Batch
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import EPOCH, MICROSECOND
@@ -49,14 +49,14 @@ _TYPES: Final = {
 _MAY_LACK: Final = ("scene", "method")
 _COLUMNS: Final = (*COLUMNS, *STATES)
 GEOMETRIES: Final = tuple(one.name for one in _COLUMNS if one.type in (ColumnType.REGION, ColumnType.POINT))
-FOUND: Final = Form.of(
+FOUND: Final = ArrowForm.of(
     "found",
     1,
     [pa.field(one.name, _TYPES[one.type], nullable=not one.required or one.name in _MAY_LACK) for one in _COLUMNS],
 )
 # The input of computed conflicts: settings of the scene (JSON) and the number of pairs, the same in all rows, and the
 # state of each object, with a digest of its data (`conflictdb.core.pieces.digests`).
-COMPUTED: Final = Form.of(
+COMPUTED: Final = ArrowForm.of(
     "computed",
     1,
     [

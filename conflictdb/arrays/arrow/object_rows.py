@@ -31,8 +31,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.arrow.columns import instants, lists, measures, numbers, of_lists, of_numbers
-from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch
-from conflictdb.arrays.arrow.forms import Form as ArrowForm
+from conflictdb.arrays.arrow.forms import INSTANT, Array, ArrowForm, Batch
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
