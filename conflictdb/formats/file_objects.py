@@ -166,7 +166,7 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: FileContext) -
         return in_degrees(fields.who, multipolygon(fields.who, geometry), setting)
     if not fields.has("radius_m"):
         rule = f"must be a {' or '.join(AREA_TYPES)} (an area) or a LineString (a track); got '{CIRCLE_TYPE}'"
-        raise fields.refusal("geometry", f"{rule}, which needs radius_m to be a circle")
+        raise fields.refusal("geometry", f"{rule}, which needs radius_m to be a circle; fixes are read from CSV")
     place = point(fields.who, geometry.get("coordinates"))
     if setting.to_degrees is not None:
         place = setting.to_degrees(place)

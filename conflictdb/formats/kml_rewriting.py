@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 KML: Final = "http://www.opengis.net/kml/2.2"
 GX: Final = "http://www.google.com/kml/ext/2.2"
 _ANY_KML: Final = re.compile(r"http://(?:www\.opengis\.net|earth\.google\.com)/kml/[\d.]+")
+_USUAL: Final = re.compile(rf"""xmlns:gx\s*=\s*["']{re.escape(GX)}["']""")
 # Elements of KML 2.3 that KML 2.2 has as extensions of Google.
 _EXTENDED: Final = frozenset({"Track", "MultiTrack", "coord", "angles", "interpolate"})
 _CONTAINERS: Final = frozenset({"Document", "Folder"})
@@ -34,8 +35,10 @@ def rewritten(text: str) -> str | None:
     text : well-formed, without a document type
     """
     root = ET.fromstring(text)  # noqa: S314  checked by `xml_text`
+    # OGR knows extensions by their usual prefix alone.
+    is_other_prefix = _USUAL.search(text) is None and any(node.tag.startswith(f"{{{GX}}}") for node in root.iter())
     changes = [_in_one_namespace(root), _inherit(root, None), _whole_days(root), _without_empty_coords(root)]
-    if not any(changes):
+    if not (is_other_prefix or any(changes)):
         return None
     ET.register_namespace("", KML)
     ET.register_namespace("gx", GX)

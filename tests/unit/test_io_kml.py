@@ -298,3 +298,16 @@ def test_tracks_of_kml_2_3_and_fixes_without_a_place(tmp_path: Path) -> None:
     (track,) = read(path).tracks
     assert track.positions_deg.tolist() == [[9.0, 57.0], [9.1, 57.0]]
     assert np.diff(track.times_us).tolist() == [7_200_000_000]
+
+
+def test_extensions_have_any_prefix(tmp_path: Path) -> None:
+    """XML leaves prefixes to the writer; OGR reads tracks of gx alone."""
+    whens = "".join(f"<when>2026-06-01T1{hour}:00:00Z</when>" for hour in range(2))
+    track = f"<g:Track>{whens}<g:coord>9 57 0</g:coord><g:coord>9.1 57 0</g:coord></g:Track>"
+    path = tmp_path / "a.kml"
+    path.write_text(
+        '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:g="http://www.google.com/kml/ext/2.2"><Document>'
+        f"<Placemark><name>T</name>{track}</Placemark></Document></kml>"
+    )
+    (found,) = read(path).tracks
+    assert found.positions_deg.tolist() == [[9.0, 57.0], [9.1, 57.0]]
