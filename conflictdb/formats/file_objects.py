@@ -85,7 +85,7 @@ def _guarded(kind: str) -> tuple[str, ...]:
 AREA_MEMBERS: Final = _members(AREA)
 TRACK_MEMBERS: Final = _members(TRACK)
 SCENE: Final = Standard(
-    "scene file",
+    "scene file, and columns of GeoParquet and of what OGR opens",
     read={
         "start end spans schedule": "when an area is active",
         "times datetimes departures": "times of a track",

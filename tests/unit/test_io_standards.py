@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import geopandas
 import pytest
+import shapely
 from docs_scripts import script
 from whole_files import WHOLE
 
@@ -144,6 +146,19 @@ def test_what_is_not_read_is_remarked_by_name_and_count(file: str, tmp_path: Pat
     assert {name for name in found if standard.kind(name) in ("read", "aside")} <= {
         name.rpartition("/")[2] for name in standard.names("unread")
     }
+
+
+@pytest.mark.parametrize("file", ["a.gpkg", "a.parquet", "a.shp"])
+def test_columns_of_tables_that_are_not_read_are_remarked_as_those_of_scene_files(file: str, tmp_path: Path) -> None:
+    """GeoPackage, GeoParquet and Shapefile have the declaration of scene files."""
+    values = {"valid_from": "2026-06-01T10:00:00Z", "lowerLimit": 7.0}
+    assert values.keys() <= set(STANDARDS["a.geojson"].names("unread"))
+    columns = {"id": ["A"], **{name: [value] for name, value in values.items()}}
+    frame = geopandas.GeoDataFrame(columns, geometry=[shapely.box(9.0, 57.0, 9.2, 57.2)], crs="EPSG:4326")
+    frame.to_parquet(tmp_path / file) if file.endswith("parquet") else frame.to_file(tmp_path / file)
+    whole = read(tmp_path / file, hints=FileHints(unbounded_heights=True))
+    for name in values:
+        assert any(f": {name} look like" in one.text for one in whole.remarks), (name, whole.remarks)
 
 
 @pytest.mark.parametrize("file", STANDARDS)
