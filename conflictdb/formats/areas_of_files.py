@@ -93,6 +93,10 @@ def _active(active: Sequence[Active]) -> dict[str, Any]:
     if len(active) <= 1:
         only = active[0] if active else Active()
         return {"start_us": certain(only.start_us), "end_us": certain(only.end_us), "schedule": only.schedule}
+    rules = [rule for one in active for rule in (one.schedule if isinstance(one.schedule, list) else [one.schedule])]
+    if len({(one.start_us, one.end_us) for one in active}) == 1:
+        schedule = None if None in rules else rules
+        return {"start_us": certain(active[0].start_us), "end_us": certain(active[0].end_us), "schedule": schedule}
     if all(one.schedule is None for one in active):
         return {"spans_us": [[certain(one.start_us), certain(one.end_us)] for one in active]}
     # Each rule keeps to its own span; a span without one is active all of it.

@@ -12,7 +12,7 @@ import pyproj
 import pytest
 import shapely
 
-from conflictdb import Area, InvalidInput, read
+from conflictdb import Area, InvalidInput, Scene, Track, read, rectangle_outline_m, solve
 from conflictdb.formats import Contents, FileHints
 
 GEOD = pyproj.Geod(ellps="WGS84")
@@ -650,3 +650,31 @@ def test_2400_ends_a_day_of_item_c(tmp_path: Path) -> None:
     assert area.end_us == int(np.datetime64("2026-07-01", "us").astype(int))
     with pytest.raises(InvalidInput, match="B: must be ten digits"):
         contents(tmp_path, text.replace("2606010600", "2606012400"), "a.txt", hints=AT_ALL_HEIGHTS)
+
+
+def test_dates_across_new_year_are_those_of_each_year(tmp_path: Path) -> None:
+    """Several rules of one valid time keep their own dates."""
+    inside = {
+        "timeReference": "UTC",
+        "startDate": "15-12",
+        "endDate": "15-01",
+        "startTime": "08:00",
+        "endTime": "16:00",
+    }
+    sheet = "".join(f"<aixm:{name}>{value}</aixm:{name}>" for name, value in inside.items())
+    path = tmp_path / "winter.xml"
+    text = aixm(("BASELINE", volume() + activation("ACTIVE", sheet)))
+    path.write_text(text.replace("2026-03-31T18", "2027-03-31T18"))
+    (area,) = read(path).areas
+    west, south, east, north = area.footprint.bounds
+    way = [[west, south], [east, north]]
+
+    def meets(day: str, hour: int) -> bool:
+        times = [np.datetime64(f"{day}T{hour:02}:{minute}") for minute in ("00", "30")]
+        ship = Track("ship", way, times, rectangle_outline_m(9.0, 9.0, 9.0, 9.0))
+        scene = Scene("s", horizon_days=500)
+        return len(solve([ship], [area], scene)) == 1
+
+    days = ("2026-03-02", "2026-12-14", "2026-12-15", "2027-01-14", "2027-01-17")
+    assert [meets(day, 10) for day in days] == [False, False, True, True, False]
+    assert not meets("2026-12-20", 18)
