@@ -34,9 +34,10 @@ STANDARD: Final = Standard(
     unread={"*AActiv *ATimes *AExSAT *AExSUN *AExHOL *ASeeNOTAM": "times in comments", "AU AM": "any other record"},
     aside={"AT SP SB TB": "drawing", "AC AY AN AI AF AR AG AX TP": "no quantities"},
 )
-# Airspaces begin with their class; then come a name, heights, or points.
+# Airspaces begin with their class; then come a name, heights, or points. Only the last of several classes is tried:
+# else a text of classes alone would take time with the square of its length.
 _SIGN: Final = re.compile(
-    r"^AC[ \t]+\S.*$(?:\s*^(?:\*.*|[A-Z]{2}[ \t].*)$)*?\s*^(?:AN|AH|AL|DP|DC|V)[ \t]", re.MULTILINE
+    r"^AC[ \t]+\S.*$(?:\s*^(?:\*.*|(?!AC[ \t]+\S)[A-Z]{2}[ \t].*)$)*?\s*^(?:AN|AH|AL|DP|DC|V)[ \t]", re.MULTILINE
 )
 _LINE_END: Final = re.compile(r"\r\n|\r|\n")
 _RECORD: Final = re.compile(r"([A-Z]{1,2})(?:[ \t]+(.*))?", re.ASCII | re.IGNORECASE)
@@ -73,6 +74,9 @@ _ONCE: Final = frozenset({"AC", "AY", "AN", "AI", "AH", "AL"})
 _NO_TYPE: Final = frozenset({"NONE", "UNC", "UNCLASSIFIED"})
 _LIMIT_MINUTES: Final = 60.0
 _CORNERS: Final = 3
+# Crossings of an outline with itself: what it encloses takes time and memory for each, up to the square of its points.
+_MOST_CROSSINGS: Final = 10_000
+_SIDES_AT_ONCE: Final = 256
 
 
 @dataclass(slots=True)
@@ -186,7 +190,7 @@ def _zone(
             raise InvalidInput(who, f"{name} in line {given[1][0]}", "is given twice; an airspace begins with AC")
     floor_m, ceiling_m = (_height(who, airspace, name) for name in ("AL", "AH"))
     shapes = list(_shapes(who, airspace, found))
-    volumes = [Volume(_enclosed(shape), floor_m, ceiling_m) for shape in shapes]
+    volumes = [Volume(_enclosed(who, shape), floor_m, ceiling_m) for shape in shapes]
     if not volumes:
         raise InvalidInput(who, f"AC in line {airspace.line}", "has no shape: DP, DA, DB and DC are read")
     known = {*_PROPERTIES, *_ONCE, "AA", "DP", "DA", "DB", "DC", "V"}
@@ -302,14 +306,30 @@ def _polygon(who: str, where: str, parts: "Sequence[Floats | Arc]") -> shapely.M
     return shapely.MultiPolygon([shapely.Polygon(line)])
 
 
-def _enclosed(shape: shapely.MultiPolygon) -> shapely.MultiPolygon:
+def _enclosed(who: str, shape: shapely.MultiPolygon) -> shapely.MultiPolygon:
     """Return all that an outline encloses if it crosses itself, as those along borders often do; else the shape."""
     if shape.is_valid:
         return shape
+    _check_crossings(who, shape)
     lines = shapely.node(shapely.MultiLineString([part.exterior for part in shape.geoms]))
     enclosed = shapely.union_all(shapely.get_parts(shapely.polygonize([lines])))
     polygons = [part for part in shapely.get_parts(enclosed) if isinstance(part, shapely.Polygon)]
     return shapely.MultiPolygon(polygons) if polygons else shape  # a line, which is refused later
+
+
+def _check_crossings(who: str, shape: shapely.MultiPolygon) -> None:
+    """Refuse an outline whose sides meet too often; stops counting there."""
+    points = shapely.get_coordinates(shape)
+    points = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
+    sides = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    tree = shapely.STRtree(sides)
+    met = 0
+    for first in range(0, len(sides), _SIDES_AT_ONCE):
+        some = sides[first : first + _SIDES_AT_ONCE]
+        # Each meets itself, and the ones before and after it.
+        met += tree.query(some, predicate="intersects").shape[1] - 3 * len(some)
+        if met > 2 * _MOST_CROSSINGS:
+            raise InvalidInput(who, "shape", f"crosses itself more than {_MOST_CROSSINGS:,} times")
 
 
 def _centre(who: str, where: str, centre: tuple[float, float] | None) -> tuple[float, float]:

@@ -18,6 +18,7 @@ import conflictdb.formats
 import conflictdb.model
 from conflictdb import InvalidInput
 from conflictdb.exchange.notam import read_notam
+from conflictdb.exchange.openair import is_openair, read_openair
 from conflictdb.formats import scene_file
 
 # Each kind of character, and pairs that patterns alternate; with another one before and after.
@@ -134,6 +135,32 @@ def test_a_notam_of_half_a_megabyte_is_refused_or_read_soon(body: str) -> None:
     with pytest.raises(InvalidInput):
         read_notam(body, "half a megabyte", skip_invalid=False)
     assert time.process_time() - began < 60.0
+
+
+@pytest.mark.parametrize("lines", ["AC R\n", "AC R\n*x\n", "AC R\nZZ z\n", "AC R\n\n", "AC \n"])
+def test_half_a_megabyte_of_classes_is_no_openair_soon(lines: str) -> None:
+    """A thousandth of the steps that the square of its length would take."""
+    began = time.process_time()
+    assert not is_openair(lines * (512 * KB // len(lines)))
+    assert time.process_time() - began < 20.0
+
+
+ZIGZAG = "".join(f"DP 50:{k * 37 % 60}:{k * 17 % 59} N 008:{k * 23 % 60}:{k * 41 % 59} E\n" for k in range(10_000))
+
+
+@pytest.mark.parametrize(
+    "shape", [ZIGZAG, "V X=50:00:00 N 008:00:00 E\n" + "DA 10,0,359\n" * 1000], ids=["zigzag", "arcs"]
+)
+def test_an_outline_that_crosses_itself_too_often_is_refused_soon(shape: str) -> None:
+    """All that it encloses would take gigabytes: as many parts as the square of its points."""
+    began = time.process_time()
+    with pytest.raises(InvalidInput, match="crosses itself more than 10,000 times"):
+        read_openair(f"AC R\nAN North\nAL GND\nAH 5000FT\n{shape}", "twisted", stem="twisted", skip_invalid=False)
+    assert time.process_time() - began < 20.0
+
+
+def test_an_airspace_begins_with_the_last_of_several_classes() -> None:
+    assert is_openair("AC R\nAC D\n\n*x\nAY TMA\nAN North\n")
 
 
 def test_the_bracket_and_the_blanks_before_a_number_belong_to_that_notam() -> None:
