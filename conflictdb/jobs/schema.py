@@ -86,10 +86,19 @@ FROM (
     FROM pg_catalog.pg_policy p JOIN pg_catalog.pg_class c ON c.oid = p.polrelid
     WHERE c.relnamespace IN (SELECT o.oid FROM ours o)
 ) r"""
-_MAY_READ: Final = """
+# Whether the roles are all there, each with the rights of the former, and a policy for each: a restore loses those of
+# any role that is missing, and roles made by hand may lack the others' rights.
+_ROLES_ARE_WHOLE: Final = """
 SELECT has_schema_privilege(r.oid, 'conflictdb', 'USAGE')
-       AND EXISTS (SELECT FROM pg_catalog.pg_policy p WHERE p.polrelid = 'conflictdb.scene'::regclass::oid)
-FROM pg_catalog.pg_roles r WHERE r.rolname = 'conflictdb_reader'"""
+       AND pg_has_role(e.oid, r.oid, 'MEMBER') AND pg_has_role(w.oid, e.oid, 'MEMBER')
+       AND NOT EXISTS (SELECT FROM pg_catalog.pg_roles m
+                       WHERE m.oid IN (r.oid, e.oid, w.oid)
+                         AND NOT EXISTS (SELECT FROM pg_catalog.pg_policy p
+                                         WHERE p.polrelid = 'conflictdb.scene'::regclass::oid
+                                           AND m.oid = ANY (p.polroles)))
+FROM pg_catalog.pg_roles r CROSS JOIN pg_catalog.pg_roles e CROSS JOIN pg_catalog.pg_roles w
+WHERE r.rolname = 'conflictdb_reader'::name AND e.rolname = 'conflictdb_editor'::name
+  AND w.rolname = 'conflictdb_worker'::name"""
 # Takes private routines out of the extension, so that they can be dropped.
 _RELEASE: Final = """
 DO $$
@@ -361,7 +370,7 @@ def check(conn: psycopg.Connection[Any]) -> None:
     with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
         armed = _triggers_armed(conn, triggers)
-        usable = _one(conn, _MAY_READ)
+        usable = _one(conn, _ROLES_ARE_WHOLE)
     if applied != routines:
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
@@ -600,7 +609,7 @@ def _is_complete(conn: psycopg.Connection[Any]) -> bool:
     return (
         _applied_sha256(conn) == routines_sha256()
         and _triggers_armed(conn, _triggers())
-        and _one(conn, _MAY_READ) is True
+        and _one(conn, _ROLES_ARE_WHOLE) is True
         and f"Rights: MD5 {_one(conn, _RIGHTS)}." in _comment(conn)
     )
 

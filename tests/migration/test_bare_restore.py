@@ -70,6 +70,46 @@ def test_a_restore_without_roles_gets_its_rights_back(server: OwnServer) -> None
         assert [one.scene.name for one in db.scenes()] == ["s"]
 
 
+def test_a_restore_without_the_workers_role_is_noticed(server: OwnServer) -> None:
+    """Readers could read, but workers would see no protected scene."""
+    before = rights(server)
+    programs = server.programs
+    dump = subprocess.run(
+        [programs.bin / "pg_dump", "-Fc", "-d", server.dsn], env=programs.environ, check=True, capture_output=True
+    ).stdout
+    with psycopg.connect(server.dsn.replace("dbname=conflictdb", "dbname=postgres"), autocommit=True) as conn:
+        conn.execute("DROP DATABASE conflictdb WITH (FORCE)")
+        conn.execute("DROP ROLE conflictdb_worker")
+        conn.execute("CREATE DATABASE conflictdb")
+    subprocess.run(
+        [programs.bin / "pg_restore", "-d", server.dsn],
+        env=programs.environ,
+        input=dump,
+        capture_output=True,
+        check=False,
+    )
+    with psycopg.connect(server.dsn) as conn, pytest.raises(SchemaOutdated, match="lacks the rights and policies"):
+        schema.check(conn)
+    schema.upgrade(server.dsn)
+    assert rights(server) == before
+
+
+@pytest.mark.parametrize(
+    "loss", ["REVOKE conflictdb_reader FROM conflictdb_editor", "REVOKE conflictdb_editor FROM conflictdb_worker"]
+)
+def test_roles_made_by_hand_get_the_rights_of_the_former(server: OwnServer, loss: str) -> None:
+    with psycopg.connect(server.dsn) as conn:
+        conn.execute(loss.encode())
+    with psycopg.connect(server.dsn) as conn, pytest.raises(SchemaOutdated, match="lacks the rights and policies"):
+        schema.check(conn)
+    schema.upgrade(server.dsn)
+    with psycopg.connect(server.dsn) as conn:
+        schema.check(conn)
+        assert conn.execute("SELECT pg_has_role('conflictdb_worker', 'conflictdb_reader', 'USAGE')").fetchone() == (
+            True,
+        )
+
+
 @pytest.mark.parametrize(
     "loss",
     [
