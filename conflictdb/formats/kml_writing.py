@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.formats.file_objects import area_properties, datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
@@ -33,7 +32,9 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     yield written("name", text=writable("scene", "name", scene.name)) + "\n"
     owners = _Owners([*areas, *tracks])
-    setup = Setup.of(centred(scene, areas, tracks))
+    from conflictdb.core.world import World  # needs the kernel
+
+    setup = World.around(scene, areas, tracks).setup
     for area in areas:
         spans = spans_of(area)
         owner = owners.of_parts(area, len(spans))

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.rings import along_lines
@@ -34,7 +33,9 @@ def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Seq
     if form == "RTZ":
         return
     if form == "KML":
-        setup = Setup.of(centred(scene, areas, tracks))
+        from conflictdb.core.world import World  # needs the kernel
+
+        setup = World.around(scene, areas, tracks).setup
         longer = [one.key for one in areas if along_lines(setup, one.footprint) is not one.footprint]
         if longer:
             text = f"KML draws sides straight in longitude and latitude: {_areas(len(longer))} with added vertices"
