@@ -5,8 +5,8 @@
 In a sea of constant density (made_scenes.py) a track is moved by a hundredth of a degree, and the scene detected,
 repeatedly: through the library on an open connection, before and right after a detection in full, and by a running
 worker, up to its notification. Results are medians by the clock, and processor seconds of client and server together,
-which vary less on a shared machine (measured.py); for the worker the clock alone. `--events` adds so many events of
-earlier detections first, as after months of use.
+which vary less on a shared machine (measured.py); for the worker the clock alone. `--events N` first adds N events of
+earlier detections, as after months of use.
 """
 
 import argparse

@@ -505,7 +505,7 @@ def _of_some_pairs(
     unknown["outer_low"], unknown["outer_high"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]
     unknown["inner_low"], unknown["inner_high"] = np.inf, -np.inf
     rows, found = np.concatenate([solved[rows], np.flatnonzero(covered)]), np.concatenate([found, unknown])
-    # What is not proven at one time is not proven within a separation in time.
+    # An unproven interval stays unproven: a separation in time would widen it into a proof.
     nothing = found["inner_low"] > found["inner_high"]
     found["inner_low"][nothing], found["inner_high"][nothing] = np.inf, -np.inf
     first, last, zero = first[rows], last[rows], zero[rows]

@@ -18,7 +18,8 @@ from conflictdb.model.plans import EarthModel
 
 Floats = NDArray[np.float64]
 
-# Corners of a full circle: half a thousandth of the radius, and no more than so many metres apart.
+# A full circle has at least _LEAST_CORNERS corners: its sides deviate by less than half a thousandth of the radius.
+# Sides are at most _MOST_APART_M long.
 _LEAST_CORNERS: Final = 128
 _MOST_APART_M: Final = 5_000.0
 _HIGHEST: Final = float(np.radians(89.0))

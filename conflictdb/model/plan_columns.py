@@ -5,7 +5,7 @@ frames, requests, attached tables, branches, digests and the reference loop over
 
 - add a row here, at the end
 - a revision: the column of the tables, and an attribute of the type `attached_plan`
-- `./run python docs/plan_sql.py` writes the lists in sql/ anew
+- run `./run python docs/plan_sql.py`: it rewrites the lists in sql/
 - act on it: in `occupy`, or in the rule of a pair
 - model/plans.py: a field of `Area` or `Track`, for type checkers (without it the class has the field too)
 

@@ -96,7 +96,7 @@ def test_a_strangers_tables_are_attached_kept_current_and_left_as_they_were(
         def is_current() -> bool:
             return bool(mission.execute("SELECT bool_and(is_current) FROM conflictdb.scenes").fetchone()[0])  # type: ignore[index]
 
-        # It looks by itself once an hour: whatever is known within the limit, it was told of.
+        # The worker polls once an hour: notifications alone make the scene current within the limit.
         until(lambda: db.status().worker_count == 1)
         preview = run(*AREAS, AREA_MAP, "--dry-run")
         assert preview.code == 0, preview.err

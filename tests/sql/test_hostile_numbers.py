@@ -50,7 +50,7 @@ MEMBERS = [
     "times", "departures", "outline_m", "outlines_m", "fore_m", "schedule", "departure_window", "spans", "start",
     "class",
 ]  # fmt: skip
-# What the server says of a value that is none of its type, or of a parameter that is no table.
+# SQLSTATEs of the server for a parameter that names no table, or an object of another kind.
 OWN_WORDS = {"42P01", "42809"}
 
 
