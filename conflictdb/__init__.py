@@ -12,7 +12,7 @@ makes GeoJSON, CSV or JSON of the conflicts of either.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from conflictdb.errors import (
     ConflictDBError,
@@ -29,6 +29,7 @@ from conflictdb.errors import (
     ServerError,
     StoreError,
 )
+from conflictdb.exports import exports
 
 if TYPE_CHECKING:
     __version__: str
@@ -144,67 +145,15 @@ __all__ = [
     "write_scene_file",
 ]
 
-# Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
-_HOME: Final = {
-    **dict.fromkeys(("Advice",), "conflictdb.client.advise"),
-    **dict.fromkeys(("Database", "connect"), "conflictdb.client.database"),
-    "Loaded": "conflictdb.client.loading",
-    "StoredScene": "conflictdb.client.stored_scene",
-    **dict.fromkeys(("Run",), "conflictdb.jobs.detect"),
-    **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.plot.departures"),
-    **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.plot.figures"),
-    **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-    "detours": "conflictdb.memory.detours",
-    "resolve": "conflictdb.memory.resolve",
-    **dict.fromkeys(
-        ("Detour", "Goal", "Left", "Move", "NewWaypoints", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"
-    ),
-    "Index": "conflictdb.memory.index",
-    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.memory.questions"),
-    **dict.fromkeys(
-        ("Contents", "FileHints", "Remark", "Skipped", "circle", "read", "write", "write_scene_file"),
-        "conflictdb.formats",
-    ),
-    **dict.fromkeys(
-        ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
-        "conflictdb.model.plans",
-    ),
-    "Rule": "conflictdb.model.rules",
-    **dict.fromkeys(
-        (
-            "Admission",
-            "Approach",
-            "Chances",
-            "Conflict",
-            "ConflictEvent",
-            "Delays",
-            "Explanation",
-            "Forbidden",
-            "ForbiddenSpeeds",
-            "Kind",
-            "Listing",
-            "Results",
-            "SceneState",
-            "Speeds",
-            "Stream",
-            "Verdict",
-        ),
-        "conflictdb.model.results",
-    ),
-}
+_offered = exports(__name__, __file__)  # `conflictdb --help` need not wait for numpy, shapely and the database driver
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        value: Any = _version()
-    elif name == "models":  # the classes of SQLAlchemy
-        value = import_module("conflictdb.jobs.models")
-    elif name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
+        return _version()
+    if name == "models":  # the classes of SQLAlchemy
+        return import_module("conflictdb.jobs.models")
+    return _offered(name)
 
 
 def _version() -> str:

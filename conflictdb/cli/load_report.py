@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
-from conflictdb.client.loading import Loaded
 from conflictdb.errors import NotCurrent, said_once
-from conflictdb.formats import Skipped
 from conflictdb.formats.conflict_gpx import position_of
 from conflictdb.formats.conflict_text import MoreColumn
-from conflictdb.formats.contents import Remark
 from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
 from conflictdb.model.record import REMARKS, Column
 from conflictdb.model.results import Approach, Conflict, SceneState, labelled
 
 if TYPE_CHECKING:
+    from conflictdb.client.loading import Loaded
+    from conflictdb.formats.contents import Remark, Skipped
     from conflictdb.jobs.detect import Run
     from conflictdb.store import SceneStatus
 
@@ -256,7 +255,7 @@ def run_text(scene: str, run: "Run") -> str:
     return f"{scene}: {', '.join(parts)} (run {run.run_id}, {run.total_s:.2f} s)"
 
 
-def loaded_text(loaded: Loaded) -> str:
+def loaded_text(loaded: "Loaded") -> str:
     """Return a line on the effects of loading on a scene."""
     counts = loaded.counts
     changes = f"{counts.added} added, {counts.updated} updated, {counts.removed} removed, {counts.unchanged} unchanged"
@@ -264,13 +263,13 @@ def loaded_text(loaded: Loaded) -> str:
     return f"{loaded.scene}: {changes}" + (f", {invalid} LEFT OUT" if invalid else "")
 
 
-def remark_loaded(loaded: Iterable[Loaded]) -> None:
+def remark_loaded(loaded: "Iterable[Loaded]") -> None:
     """Print the objects left out of files with reasons, and remarks on unintended input."""
     for one in loaded:
         remark_read(one.skipped, one.remarks)
 
 
-def remark_read(skipped: Iterable[Skipped], remarks: Sequence[Remark]) -> None:
+def remark_read(skipped: "Iterable[Skipped]", remarks: "Sequence[Remark]") -> None:
     """Print what was left out of files, and remarks on unintended input."""
     for line in skipped_text(skipped):
         remark(line)
@@ -278,7 +277,7 @@ def remark_read(skipped: Iterable[Skipped], remarks: Sequence[Remark]) -> None:
         remark(line)
 
 
-def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
+def skipped_text(skipped: "Iterable[Skipped]") -> list[str]:
     """Return one line per file and reason, with the names of the objects and the number of rows of each."""
     groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
     whole = []

@@ -10,7 +10,6 @@ from conflictdb.cli.output import binary, data, line, out, print_json, warnings_
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
-from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
 
@@ -27,6 +26,8 @@ def load(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write a scene file."""
+    from conflictdb.formats.reading import is_parquet
+
     is_binary = args.format == "geoparquet"
     is_whole = is_binary or args.file == "-" or is_parquet(args.file)
     check(

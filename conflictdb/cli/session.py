@@ -12,16 +12,14 @@ from conflictdb.cli.last_scene import recall, remember
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.client.database import Database, connect
-from conflictdb.client.loading import Loaded
-from conflictdb.embedded import EmbeddedServer, embedded
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
-from conflictdb.formats.hints import MAX_GAP_S, FileHints
-from conflictdb.formats.instants import OFFSET_RULE
 
 if TYPE_CHECKING:
     from psycopg import Connection
 
     from conflictdb.cli.parser import Parser
+    from conflictdb.client.loading import Loaded
+    from conflictdb.embedded import EmbeddedServer
 
 
 @contextmanager
@@ -107,8 +105,10 @@ def _name(db: Database) -> str:
     return f"{info.host}:{info.port}/{info.dbname}"
 
 
-def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
+def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
     """Load the files of a command with its options; the last of their scenes is remembered."""
+    from conflictdb.formats.hints import MAX_GAP_S, FileHints
+
     hints = FileHints(
         args.map or {},
         args.time_zone and str(args.time_zone),
@@ -137,6 +137,8 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
 @contextmanager
 def _advice_on_time_zone(args: argparse.Namespace) -> Iterator[None]:
     """Print which option helps, if a file is refused for times without offset."""
+    from conflictdb.formats.instants import OFFSET_RULE
+
     try:
         yield
     except InvalidInput as error:
@@ -151,6 +153,8 @@ def connections(args: argparse.Namespace, named: Callable[[str], str]) -> Iterat
 
     Restarts the embedded database if it has ended, and keeps it running.
     """
+    from conflictdb.embedded import embedded
+
     in_use: list[EmbeddedServer] = []
 
     def connection() -> "Connection[Any]":

@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, Unpack
 import psycopg
 
 from conflictdb import store
-from conflictdb.client import loading
 from conflictdb.client.lending import Borrowed, borrow
-from conflictdb.client.loading import Loaded
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.errors import (
     NotPermitted,
@@ -27,15 +25,16 @@ from conflictdb.errors import (
     StoreError,
     said_once,
 )
-from conflictdb.formats.contents import Phase, unwatched
-from conflictdb.formats.hints import FileHints
-from conflictdb.formats.reading import ReadOptions
 from conflictdb.jobs import schema
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
+    from conflictdb.client.loading import Loaded
+    from conflictdb.formats.contents import Phase
+    from conflictdb.formats.hints import FileHints
+    from conflictdb.formats.reading import ReadOptions
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +56,7 @@ class Status:
     server: str
     revision: str
     worker_count: int
-    scenes: tuple[store.SceneStatus, ...]
+    scenes: "tuple[store.SceneStatus, ...]"
 
 
 def connect(
@@ -189,7 +188,7 @@ class Database:
         max_speed_kn: float | None = None,
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
-        hints: FileHints | None = None,
+        hints: "FileHints | None" = None,
     ) -> StoredScene:
         """Load one file, all or nothing, and return its scene.
 
@@ -244,9 +243,9 @@ class Database:
         scene: str | None = None,
         *,
         replace: bool = False,
-        phase: Phase = unwatched,
-        **options: Unpack[ReadOptions],
-    ) -> list[Loaded]:
+        phase: "Phase | None" = None,
+        **options: "Unpack[ReadOptions]",
+    ) -> "list[Loaded]":
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction. A
@@ -254,9 +253,12 @@ class Database:
         memory does not grow with its size. `phase` is called with the name of each phase and the amounts done and to do
         (0: unknown); the other options are those of `conflictdb.formats.read`.
         """
-        return loading.load_files(self.connection, paths, scene, replace=replace, phase=phase, **options)
+        from conflictdb.client import loading
+        from conflictdb.formats.contents import unwatched
 
-    def attachments(self) -> list[store.Attachment]:
+        return loading.load_files(self.connection, paths, scene, replace=replace, phase=phase or unwatched, **options)
+
+    def attachments(self) -> "list[store.Attachment]":
         """Return the tables attached to any scene, and their state."""
         return store.attachments(self.connection, None)
 
@@ -284,7 +286,7 @@ class Database:
         """
         store.protect_scenes(self.connection, on=on)
 
-    def scenes(self) -> list[store.SceneStatus]:
+    def scenes(self) -> "list[store.SceneStatus]":
         """Return all scenes with their objects, pending changes and last run."""
         return store.list_scenes(self.connection)
 
@@ -302,7 +304,7 @@ class Database:
             scenes=tuple(self.scenes()),
         )
 
-    def load_demo(self) -> Loaded:
+    def load_demo(self) -> "Loaded":
         """Load the scene that comes with the package: a strait with closed areas, ships, submarines, an aircraft.
 
         It replaces the objects of the scene of that name.

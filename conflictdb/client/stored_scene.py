@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, Unpack
@@ -15,14 +15,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.core.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.formats import object_lines, scene_text, unwritten, write_lines
-from conflictdb.formats.reading import is_parquet
-from conflictdb.formats.writing import whole_file
 from conflictdb.jobs import follow_attached
-from conflictdb.model import inputs
-from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.proposals import Detour, Goal, Proposal
-from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import (
     Admission,
     Approach,
@@ -37,9 +30,9 @@ from conflictdb.model.results import (
     Stream,
     Verdict,
 )
-from conflictdb.model.rules import Rule
 from conflictdb.model.settings import STORED_BY_DETECT, Changes
 
+# Methods import what needs numpy and scipy: a list of conflicts starts in a third of the time.
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -47,6 +40,10 @@ if TYPE_CHECKING:
     from conflictdb.core.funnel import Progress
     from conflictdb.jobs.detect import Phase, Run
     from conflictdb.jobs.import_computed import WrittenBack
+    from conflictdb.model import inputs
+    from conflictdb.model.plans import Area, Scene, Track
+    from conflictdb.model.proposals import Detour, Goal, Proposal
+    from conflictdb.model.rules import Rule
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +69,7 @@ class StoredScene:
         """The psycopg connection in use."""
         return self._connected()
 
-    def settings(self) -> Scene:
+    def settings(self) -> "Scene":
         """Return the settings of the scene."""
         with store.transaction(self.connection):
             return store.read_settings(self.connection, store.scene_or_branch_id(self.connection, self.name))
@@ -113,6 +110,8 @@ class StoredScene:
             New settings of the scene, by their names in a `Scene`: method and distances. They are stored, and changed
             settings recompute everything.
         """
+        from conflictdb.model import inputs
+
         for name in settings.keys() - {setting.name for setting in STORED_BY_DETECT}:
             raise TypeError(f"detect() got an unexpected keyword argument {name!r}")
         if lock_timeout_s is not None:
@@ -123,7 +122,6 @@ class StoredScene:
         changes: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self.settings(), **changes))
-        # Imported here: the solvers import scipy, which is slow.
         from conflictdb.jobs import detect
 
         return detect.detect(
@@ -178,12 +176,12 @@ class StoredScene:
 
     def conflicts(
         self,
-        at: inputs.Instant | None = None,
+        at: "inputs.Instant | None" = None,
         *,
         key: str | None = None,
-        from_: inputs.Instant | None = None,
-        to: inputs.Instant | None = None,
-        since: inputs.Instant | None = None,
+        from_: "inputs.Instant | None" = None,
+        to: "inputs.Instant | None" = None,
+        since: "inputs.Instant | None" = None,
         verdict: Verdict | str | None = None,
         acknowledged: bool | None = None,
         object_class: str | None = None,
@@ -236,12 +234,12 @@ class StoredScene:
 
     def stream_conflicts(
         self,
-        at: inputs.Instant | None = None,
+        at: "inputs.Instant | None" = None,
         *,
         key: str | None = None,
-        from_: inputs.Instant | None = None,
-        to: inputs.Instant | None = None,
-        since: inputs.Instant | None = None,
+        from_: "inputs.Instant | None" = None,
+        to: "inputs.Instant | None" = None,
+        since: "inputs.Instant | None" = None,
         verdict: Verdict | str | None = None,
         acknowledged: bool | None = None,
         object_class: str | None = None,
@@ -272,12 +270,14 @@ class StoredScene:
         _warn_if_incomplete(state, 4)
         return state
 
-    def conflicts_known_at(self, at: inputs.Instant) -> list[Conflict]:
+    def conflicts_known_at(self, at: "inputs.Instant") -> list[Conflict]:
         """Return the conflicts that had been detected by an instant.
 
         Regions and closest points are not kept. Raises InvalidInput also for an instant before the first detection of
         the scene, or before its history begins.
         """
+        from conflictdb.model import inputs
+
         instant = inputs.moment("conflicts_known_at", "at", at)
         return store.conflicts_known_at(self.connection, self.name, instant)
 
@@ -301,7 +301,7 @@ class StoredScene:
         return store.conflict_events(self.connection, self.name, key, other_key, after, most)
 
     def acknowledge(
-        self, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None, *, by: str | None = None
+        self, a_key: str, b_key: str, reason: str, until: "inputs.Instant | None" = None, *, by: str | None = None
     ) -> int:
         """Acknowledge the conflict of two objects, as it is known, and return its number.
 
@@ -310,7 +310,7 @@ class StoredScene:
 
         Raises InvalidInput if no such conflict is known, the reason is missing, or `until` is past.
         """
-        instant = None if until is None else inputs.moment("acknowledge", "until", until)
+        instant = _moment("acknowledge", "until", until)
         return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant, by)
 
     def unacknowledge(self, a_key: str, b_key: str) -> bool:
@@ -326,7 +326,6 @@ class StoredScene:
         Includes their closest approach, also where the scene does not store it. Raises InvalidInput if the scene or one
         of the objects does not exist.
         """
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import explanations
 
         with store.transaction(self.connection):
@@ -334,7 +333,7 @@ class StoredScene:
 
     def probe(
         self,
-        plan: Area | Track | Sequence[Area | Track],
+        plan: "Area | Track | Sequence[Area | Track]",
         *,
         jobs: int = 1,
         worker_timeout_s: float | None = None,
@@ -365,9 +364,10 @@ class StoredScene:
             A transaction is open: the answer must come from one state of the database, and workers see a question only
             once it is committed.
         """
+        from conflictdb.model import inputs
+
         plans = _plans("probe", plan)
         inputs.count("probe", "jobs", jobs, 1)
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import probes
 
         if worker_timeout_s is None:
@@ -378,7 +378,7 @@ class StoredScene:
         _warn_if_incomplete(found.state)
         return found
 
-    def put(self, plan: Area | Track | Sequence[Area | Track], settings: Scene | None = None) -> store.LoadCounts:
+    def put(self, plan: "Area | Track | Sequence[Area | Track]", settings: "Scene | None" = None) -> "store.LoadCounts":
         """Add plans to the scene, or replace the objects of the same keys, all or none; return what changed.
 
         They wait for a detection, and may conflict: `admit` puts only plans that do not.
@@ -387,16 +387,17 @@ class StoredScene:
 
         Raises InvalidInput, and changes nothing, for keys that occur twice and plans that do not fit the scene's plane.
         """
+        from conflictdb.model.plans import Scene
+
         if not isinstance(settings, Scene | None):
             raise InvalidInput("put", "settings", f"must be a Scene, or absent; got {settings!r:.60}")
-        # Imported here: the stages are slow to import.
         from conflictdb.client import loading
 
         return loading.put(self.connection, self.name, _plans("put", plan), settings)
 
     def admit(
         self,
-        plan: Area | Track | Sequence[Area | Track],
+        plan: "Area | Track | Sequence[Area | Track]",
         owner: str | None = None,
         *,
         allow_known: bool = False,
@@ -433,13 +434,14 @@ class StoredScene:
         LockTimeout
             Another admission did not end in time.
         """
+        from conflictdb.model import inputs
+
         plans = _plans("admit", plan)
         if owner is not None and (not isinstance(owner, str) or not owner):
             raise InvalidInput("admit", "owner", f"must be a non-empty string, or absent; got {owner!r:.60}")
         named = inputs.keys("admit", "replace", replace)
         if lock_timeout_s is not None:
             inputs.seconds("admit", "lock_timeout_s", lock_timeout_s)
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import admission
 
         return admission.admit(
@@ -456,7 +458,7 @@ class StoredScene:
         self,
         key: str | None = None,
         within_s: float = 7200.0,
-        now: inputs.Instant | None = None,
+        now: "inputs.Instant | None" = None,
         clear_within_m: float | None = None,
         waypoint: int | None = None,
     ) -> list[Delays]:
@@ -482,10 +484,11 @@ class StoredScene:
 
         Raises InvalidInput for an unknown scene or track.
         """
+        from conflictdb.model import inputs
+
         inputs.seconds("delays", "within_s", within_s)
         if clear_within_m is not None:
             clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import track_delays
 
         return track_delays.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
@@ -509,7 +512,6 @@ class StoredScene:
 
         Raises InvalidInput for an unknown scene, track or leg.
         """
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import track_delays
 
         return track_delays.speeds(self.connection, self.name, key, slowest, fastest, leg)
@@ -522,13 +524,13 @@ class StoredScene:
         weights: Mapping[str, float] | None = None,
         levels: Mapping[str, int] | None = None,
         within_s: float = 7200.0,
-        now: inputs.Instant | None = None,
+        now: "inputs.Instant | None" = None,
         slowest: float = 1.0,
         fastest: float = 1.0,
         aside_m: float = 0.0,
-        goal: Goal | str = Goal.TOTAL,
+        goal: "Goal | str" = "total",
         limit_s: float = 30.0,
-    ) -> Proposal:
+    ) -> "Proposal":
         """Return the least changes of departures that clear the scene, and store them as a proposal.
 
         Computed from the objects as they are stored, whether they were detected or not; verified by a detection of the
@@ -537,7 +539,6 @@ class StoredScene:
 
         Raises InvalidInput for unknown keys, for limits that are none, and if the scene changes meanwhile.
         """
-        # Imported here: the stages are slow to import.
         from conflictdb.jobs import clearing
         from conflictdb.memory.resolve import resolve
 
@@ -557,13 +558,12 @@ class StoredScene:
         )
         return clearing.resolve(self.connection, self.name, compute)
 
-    def detours(self, key: str, most_m: float = 20_000.0, later_s: float = 7200.0) -> list[Detour]:
+    def detours(self, key: str, most_m: float = 20_000.0, later_s: float = 7200.0) -> "list[Detour]":
         """Return ways on which a track meets nothing, shortest first; nothing is stored.
 
         Computed from the objects as they are stored, whether they were detected or not. The parameters are those of
         `conflictdb.detours`. Raises InvalidInput for an unknown track, and for limits that are none.
         """
-        # Imported here: the stages are slow to import.
         from conflictdb.memory.detours import detours
 
         settings, areas, tracks = self._read()
@@ -581,6 +581,8 @@ class StoredScene:
         StoreError
             The connection is in a transaction that cannot see others' changes, or has changed the scene itself.
         """
+        from conflictdb.model import inputs
+
         timeout = timedelta(seconds=inputs.seconds("wait_until_current", "timeout_s", timeout_s))
         store.wait_until_current(self.connection, self.name, timeout)
 
@@ -630,7 +632,7 @@ class StoredScene:
         mapped: Mapping[str, str],
         *,
         every_s: float | None = None,
-    ) -> store.AttachmentPreview:
+    ) -> "store.AttachmentPreview":
         """Return what `attach` would do, and the first objects; changes nothing, and raises the errors of `attach`."""
         every = _interval("preview_attachment", every_s)
         with _notices_as_warnings(self.connection):
@@ -643,11 +645,11 @@ class StoredScene:
         """
         return store.detach(self.connection, self.name, table, keep=keep)
 
-    def attachments(self) -> list[store.Attachment]:
+    def attachments(self) -> "list[store.Attachment]":
         """Return the attached tables, and their state."""
         return store.attachments(self.connection, self.name)
 
-    def unmapped(self) -> list[store.Unmapped]:
+    def unmapped(self) -> "list[store.Unmapped]":
         """Return the rows of attached tables without an up-to-date object, and why."""
         return store.unmapped(self.connection, self.name)
 
@@ -655,15 +657,15 @@ class StoredScene:
         """Update the scene from the tables that this connection's role attached, as its detections do first."""
         follow_attached.follow(self.connection, self.name, again=True)
 
-    def objects(self) -> list[store.ObjectSummary]:
+    def objects(self) -> "list[store.ObjectSummary]":
         """Return the areas and tracks, by key: kind, name, times and heights."""
         return store.list_objects(self.connection, self.name)
 
-    def rules(self) -> list[Rule]:
+    def rules(self) -> "list[Rule]":
         """Return the separation rules, in the order of their sides."""
         return list(self.settings().rules)
 
-    def put_rule(self, rule: Rule) -> None:
+    def put_rule(self, rule: "Rule") -> None:
         """Add a separation rule, or replace the one of the same two sides; its pairs wait for a detection.
 
         Raises InvalidInput if another rule is as specific for some pair.
@@ -678,11 +680,14 @@ class StoredScene:
         """Return the names of objects, by key; objects without a name are left out."""
         return store.names(self.connection, self.name, keys)
 
-    def delayed(self, key: str, delay: timedelta) -> Area | Track:
+    def delayed(self, key: str, delay: timedelta) -> "Area | Track":
         """Return an object of the scene, later by `delay` (negative: earlier), for `probe`; changes nothing.
 
         Raises InvalidInput if it does not exist.
         """
+        from conflictdb.model import inputs
+        from conflictdb.model.recurring_plans import later
+
         _, areas, tracks = self._read([key])
         delay_us = round(delay / inputs.MICROSECOND)
         for track in tracks:
@@ -725,7 +730,7 @@ class StoredScene:
         """Remove this branch with its edits; raises InvalidInput if it is no branch."""
         store.drop_branch(self.connection, self.name)
 
-    def diff(self) -> store.BranchDiff:
+    def diff(self) -> "store.BranchDiff":
         """Return the objects and conflicts in which this branch differs from its parent.
 
         Raises InvalidInput if the branch or its parent waits for a detection, or this is no branch.
@@ -777,7 +782,7 @@ class StoredScene:
         """Revoke what `share` granted a role, and return whether it had anything."""
         return store.unshare_scene(self.connection, self.name, role)
 
-    def shares(self) -> list[store.Share]:
+    def shares(self) -> "list[store.Share]":
         """Return the owner and the roles the scene is shared with, as far as the connection's role sees them."""
         return store.shares(self.connection, self.name)
 
@@ -792,7 +797,6 @@ class StoredScene:
             Seed of the sample: the same seed draws the same sample.
         """
         settings, areas, tracks = self._read()
-        # Imported here: the solvers import scipy, which is slow.
         from conflictdb.client import advise
 
         return advise.advise(settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed)
@@ -840,6 +844,7 @@ class StoredScene:
         extra to install, without matplotlib.
         """
         from conflictdb.memory import questions
+        from conflictdb.model import inputs
         from conflictdb.plot import departures, figures
 
         keys = _both("plot_delays", a_key, b_key)
@@ -905,6 +910,10 @@ class StoredScene:
 
         keys : of the objects to write; None: all. GeoParquet holds all
         """
+        from conflictdb.formats import object_lines, unwritten, write_lines
+        from conflictdb.formats.reading import is_parquet
+        from conflictdb.formats.writing import whole_file
+
         if is_parquet(path):
             if keys is not None:
                 raise InvalidInput("export", "keys", "GeoParquet holds the whole scene", str(path))
@@ -938,26 +947,28 @@ class StoredScene:
 
     def text(self) -> str:
         """Return the scene as the text of the file that `export` writes."""
+        from conflictdb.formats import scene_text
+
         return "".join(scene_text(*self._read()))
 
-    def _read(self, keys: Sequence[str] | None = None) -> tuple[Scene, list[Area], list[Track]]:
+    def _read(self, keys: Sequence[str] | None = None) -> "tuple[Scene, list[Area], list[Track]]":
         return store.read_scene(self.connection, self.name, keys)
 
 
 def _selection(
     who: str,
-    at: inputs.Instant | None,
+    at: "inputs.Instant | None",
     key: str | None,
-    from_: inputs.Instant | None,
-    to: inputs.Instant | None,
-    since: inputs.Instant | None,
+    from_: "inputs.Instant | None",
+    to: "inputs.Instant | None",
+    since: "inputs.Instant | None",
     verdict: Verdict | str | None,
     acknowledged: bool | None,
     object_class: str | None,
 ) -> store.Selection:
     """Return what to select; raises InvalidInput for a span that ends before it begins, and unknown verdicts."""
     given = {"at": at, "from_": from_, "to": to, "since": since}
-    when = {field: None if one is None else inputs.moment(who, field, one) for field, one in given.items()}
+    when = {field: _moment(who, field, one) for field, one in given.items()}
     start, end = when["from_"], when["to"]
     if start is not None and end is not None and end <= start:
         raise InvalidInput(who, "to", f"must be after from_; got {start} and {end}")
@@ -967,8 +978,18 @@ def _selection(
     return store.Selection(when["at"], key, start, end, when["since"], chosen, acknowledged, None, object_class)
 
 
-def _plans(who: str, given: Any) -> list[Area | Track]:
+def _moment(who: str, field: str, given: "inputs.Instant | None") -> datetime | None:
+    if given is None:
+        return None
+    from conflictdb.model import inputs
+
+    return inputs.moment(who, field, given)
+
+
+def _plans(who: str, given: Any) -> "list[Area | Track]":
     """Return a plan, or several, as a list; raises InvalidInput for anything else, and for keys that occur twice."""
+    from conflictdb.model.plans import Area, Track
+
     plans = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     seen: set[str] = set()
     for plan in plans:
@@ -1000,6 +1021,8 @@ def _notices_as_warnings(connection: "psycopg.Connection[Any]") -> Iterator[None
 
 
 def _interval(who: str, every_s: float | None) -> timedelta | None:
+    from conflictdb.model import inputs
+
     return None if every_s is None else timedelta(seconds=inputs.seconds(who, "every_s", every_s))
 
 
@@ -1017,7 +1040,7 @@ def _both(who: str, a_key: str | None, b_key: str | None) -> tuple[str, str] | N
     return None
 
 
-def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Area | Track]:
+def _pair_of(scene: str, objects: "Sequence[Area | Track]", *keys: str) -> "list[Area | Track]":
     """Return the objects of two keys; raises InvalidInput if a key does not exist or both are the same."""
     by_key = {one.key: one for one in objects}
     for key in keys:

@@ -16,7 +16,8 @@ from conflictdb.arrays.words import numbers_of_words
 from conflictdb.core.stage1_broad_phase import pairs_together
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.model.rules import REPLACED, RuleTable
+from conflictdb.model.rule_table import RuleTable
+from conflictdb.model.rules import REPLACED
 
 _Ints = NDArray[Any]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import is_parquet
-from conflictdb.formats.unwritten import unwritten
+from conflictdb.formats.unwritten_fields import unwritten
 from conflictdb.formats.writing import whole_file, write_lines
 from conflictdb.model.plans import LINES, Area, Scene, Track, check_keys, check_legs
 

@@ -9,7 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from conflictdb.memory.program import Program
 from conflictdb.model.plans import Area, Track
-from conflictdb.model.rules import Rule, RuleTable
+from conflictdb.model.rule_table import RuleTable
+from conflictdb.model.rules import Rule
 
 _Ints = NDArray[np.int64]
 

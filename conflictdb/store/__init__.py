@@ -1,191 +1,198 @@
 """Run SQL. No other module does: each statement calls one routine of sql/, or is a COPY to or from one."""
 
-from conflictdb.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
-from conflictdb.store.admissions import (
-    StoredObject,
-    admission,
-    objects_near,
-    read_objects,
-    replaced_objects,
-    scheduled_keys_near,
-)
-from conflictdb.store.attached import (
-    READ_WITHIN_S,
-    Attachment,
-    AttachmentPreview,
-    Unmapped,
-    attach,
-    attachment_failed,
-    attachments,
-    attachments_to_follow,
-    detach,
-    follow_attachment,
-    preview_attachment,
-    seconds_to_comparison,
-    unmapped,
-)
-from conflictdb.store.branches import (
-    BranchDiff,
-    ConflictChange,
-    ObjectChange,
-    create_branch,
-    diff_branch,
-    drop_branch,
-    drop_orphans,
-    follow_parent,
-    merge_branch,
-    parent_name,
-)
-from conflictdb.store.connection import (
-    LOCK_WAIT_S,
-    ON_OUR_TABLE,
-    begin_snapshot,
-    connect,
-    join,
-    lock_holders,
-    naming_grants,
-    require_detecting,
-    require_idle,
-    require_writable,
-    snapshot,
-    transaction,
-    translated,
-    waiting_at_most,
-)
-from conflictdb.store.detections import (
-    Pending,
-    changed_areas,
-    changed_tracks,
-    cover_all,
-    footprints,
-    pending,
-    replace_pieces,
-)
-from conflictdb.store.few import Begun, Few, begin_detection, put_pieces, seen_tracks, some_areas, some_tracks
-from conflictdb.store.listing import (
-    RunStatus,
-    Selection,
-    approaches,
-    conflict_events,
-    conflicts,
-    conflicts_known_at,
-    each_approach,
-    each_conflict,
-    explain_conflict,
-    explained_text,
-    names,
-    runs,
-    scene_state,
-    state_within,
-    wait_until_current,
-)
-from conflictdb.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s
-from conflictdb.store.map_rows import (
-    TILES,
-    changes,
-    hear_changes,
-    map_areas,
-    map_conflicts,
-    map_overview,
-    map_shapes,
-    map_tracks,
-    may_acknowledge,
-    may_edit,
-    never_write,
-    tile,
-)
-from conflictdb.store.object_states import ObjectStates, cover, object_states
-from conflictdb.store.proposal_rows import (
-    apply_proposal,
-    proposal_basis,
-    put_proposal,
-    undo_proposal,
-)
-from conflictdb.store.remedies import with_remedy
-from conflictdb.store.scenes import (
-    ObjectSummary,
-    copy_scene,
-    list_objects,
-    put_rule,
-    remove_objects,
-    remove_rule,
-    remove_scene,
-    rename_object,
-    rename_scene,
-)
-from conflictdb.store.service import (
-    HEARD_WITHIN_S,
-    WORKER_NAME,
-    Service,
-    WorkerStamp,
-    listen,
-    map_dsn,
-    service,
-    wait_for_change,
-    worker_dsn,
-    writers_notify,
-)
-from conflictdb.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
-from conflictdb.store.snapshot_readers import Shared, firsts, numbered, query, require_state, shared_snapshot
-from conflictdb.store.stored_differences import (
-    first_stops,
-    forget_differences,
-    pieces_near,
-    stored_delays,
-    write_differences,
-)
-from conflictdb.store.stored_objects import (
-    LoadCounts,
-    Numbered,
-    SceneStatus,
-    changing_heights,
-    each_object,
-    is_scene,
-    list_scenes,
-    put_plans,
-    read_scene,
-    read_settings,
-    replace_scene,
-    replace_scene_by_parts,
-    scene_id,
-    scene_or_branch_id,
-    scene_settings,
-    set_scene,
-    waiting_scenes,
-)
-from conflictdb.store.stored_pairs import Candidates, Marks, Numbers, Parts, boxes, bundles, candidates
-from conflictdb.store.stored_probes import (
-    Request,
-    answer_admission,
-    answer_delays,
-    answer_probe,
-    claim_probe,
-    hold_probe,
-    keys_meeting,
-    names_of,
-    pieces_meeting,
-    probe_failed,
-    read_request,
-    refuse_probe,
-    release_probe,
-    request_probe,
-    wait_for_probe,
-)
-from conflictdb.store.stored_schedules import (
-    Scheduled,
-    horizon,
-    scheduled,
-    store_activations,
-    store_window,
-    stored_window,
-)
-from conflictdb.store.write_rows import (
-    RunOutcome,
-    RunRecord,
-    Staged,
-    begin_write,
-    differing,
-    end_write,
-    record_failure,
-    stage,
-)
+from typing import TYPE_CHECKING
+
+from conflictdb.exports import exports
+
+if TYPE_CHECKING:
+    from conflictdb.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
+    from conflictdb.store.admissions import (
+        StoredObject,
+        admission,
+        objects_near,
+        read_objects,
+        replaced_objects,
+        scheduled_keys_near,
+    )
+    from conflictdb.store.attached import (
+        READ_WITHIN_S,
+        Attachment,
+        AttachmentPreview,
+        Unmapped,
+        attach,
+        attachment_failed,
+        attachments,
+        attachments_to_follow,
+        detach,
+        follow_attachment,
+        preview_attachment,
+        seconds_to_comparison,
+        unmapped,
+    )
+    from conflictdb.store.branches import (
+        BranchDiff,
+        ConflictChange,
+        ObjectChange,
+        create_branch,
+        diff_branch,
+        drop_branch,
+        drop_orphans,
+        follow_parent,
+        merge_branch,
+        parent_name,
+    )
+    from conflictdb.store.connection import (
+        LOCK_WAIT_S,
+        ON_OUR_TABLE,
+        begin_snapshot,
+        connect,
+        join,
+        lock_holders,
+        naming_grants,
+        require_detecting,
+        require_idle,
+        require_writable,
+        snapshot,
+        transaction,
+        translated,
+        waiting_at_most,
+    )
+    from conflictdb.store.detections import (
+        Pending,
+        changed_areas,
+        changed_tracks,
+        cover_all,
+        footprints,
+        pending,
+        replace_pieces,
+    )
+    from conflictdb.store.few import Begun, Few, begin_detection, put_pieces, seen_tracks, some_areas, some_tracks
+    from conflictdb.store.listing import (
+        RunStatus,
+        Selection,
+        approaches,
+        conflict_events,
+        conflicts,
+        conflicts_known_at,
+        each_approach,
+        each_conflict,
+        explain_conflict,
+        explained_text,
+        names,
+        runs,
+        scene_state,
+        state_within,
+        wait_until_current,
+    )
+    from conflictdb.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s
+    from conflictdb.store.map_rows import (
+        TILES,
+        changes,
+        hear_changes,
+        map_areas,
+        map_conflicts,
+        map_overview,
+        map_shapes,
+        map_tracks,
+        may_acknowledge,
+        may_edit,
+        never_write,
+        tile,
+    )
+    from conflictdb.store.object_state_rows import ObjectStates, cover, object_states
+    from conflictdb.store.proposal_rows import (
+        apply_proposal,
+        proposal_basis,
+        put_proposal,
+        undo_proposal,
+    )
+    from conflictdb.store.remedies import with_remedy
+    from conflictdb.store.scenes import (
+        ObjectSummary,
+        SceneStatus,
+        copy_scene,
+        is_scene,
+        list_objects,
+        list_scenes,
+        put_rule,
+        read_settings,
+        remove_objects,
+        remove_rule,
+        remove_scene,
+        rename_object,
+        rename_scene,
+        scene_id,
+        scene_or_branch_id,
+        scene_settings,
+        set_scene,
+        waiting_scenes,
+    )
+    from conflictdb.store.service_rows import (
+        HEARD_WITHIN_S,
+        WORKER_NAME,
+        Service,
+        WorkerStamp,
+        listen,
+        map_dsn,
+        service,
+        wait_for_change,
+        worker_dsn,
+        writers_notify,
+    )
+    from conflictdb.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
+    from conflictdb.store.snapshot_readers import Shared, firsts, numbered, query, require_state, shared_snapshot
+    from conflictdb.store.stored_differences import (
+        first_stops,
+        forget_differences,
+        pieces_near,
+        stored_delays,
+        write_differences,
+    )
+    from conflictdb.store.stored_objects import (
+        LoadCounts,
+        Numbered,
+        changing_heights,
+        each_object,
+        put_plans,
+        read_scene,
+        replace_scene,
+        replace_scene_by_parts,
+    )
+    from conflictdb.store.stored_pairs import Candidates, Marks, Numbers, Parts, boxes, bundles, candidates
+    from conflictdb.store.stored_probes import (
+        Request,
+        answer_admission,
+        answer_delays,
+        answer_probe,
+        claim_probe,
+        hold_probe,
+        keys_meeting,
+        names_of,
+        pieces_meeting,
+        probe_failed,
+        read_request,
+        refuse_probe,
+        release_probe,
+        request_probe,
+        wait_for_probe,
+    )
+    from conflictdb.store.stored_schedules import (
+        Scheduled,
+        horizon,
+        scheduled,
+        store_activations,
+        store_window,
+        stored_window,
+    )
+    from conflictdb.store.write_rows import (
+        RunOutcome,
+        RunRecord,
+        Staged,
+        begin_write,
+        differing,
+        end_write,
+        record_failure,
+        stage,
+    )
+
+__getattr__ = exports(__name__, __file__)

@@ -23,7 +23,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.store.connection import Holder, call, call_many, transaction
 from conflictdb.store.few import some_areas, some_tracks
-from conflictdb.store.stored_objects import scene_of
+from conflictdb.store.scenes import scene_of
 
 # On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that
 # is wider, or close to a pole, may reach any place.

@@ -20,6 +20,7 @@ from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, transaction
 from conflictdb.store.detections import AREA_ROW, TRACK_ROW, area_batch, track_batch
 from conflictdb.store.locking import Say, begin_taking
+from conflictdb.store.scenes import scene_of
 from conflictdb.store.stored_bundles import (
     PIECE_COLUMNS,
     PIECE_STRINGS,
@@ -32,7 +33,7 @@ from conflictdb.store.stored_bundles import (
     scalars,
     shapes,
 )
-from conflictdb.store.stored_objects import AREA_STRINGS, TOLERANCES, TRACK_STRINGS, scene_of
+from conflictdb.store.stored_objects import AREA_STRINGS, TOLERANCES, TRACK_STRINGS
 from conflictdb.store.stored_pairs import Parts
 
 # The parameters of _put_pieces for each piece, in order.

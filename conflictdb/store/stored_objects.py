@@ -4,14 +4,12 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import Any, TypeVar, cast
 
 import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
-from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
@@ -21,10 +19,9 @@ from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, columns_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
-from conflictdb.model.rules import members_of, rule_of
-from conflictdb.model.settings import SETTINGS, SettingType
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, call_many, require_writable, transaction
+from conflictdb.store.connection import call, require_writable, transaction
+from conflictdb.store.scenes import read_settings, scene_or_branch_id, settings_of
 
 _Plan = TypeVar("_Plan", Area, Track)
 _PLAIN = (Form.TEXT, Form.WORD, Form.DOCUMENT)
@@ -72,30 +69,6 @@ class LoadCounts:
     unchanged: int
 
 
-@dataclass(frozen=True, slots=True)
-class SceneStatus:
-    """A scene and its state.
-
-    areas, tracks, conflicts : their numbers
-    pending : objects that changed since the last detection
-    run_id, finished_at, error : the last detection; None if there was none (error: None unless it failed)
-    is_current : whether nothing changed since the last detection that succeeded
-    branch_of : name of the parent of a branch; None for any other scene
-    """
-
-    scene_id: int
-    scene: Scene
-    areas: int
-    tracks: int
-    pending: int
-    conflicts: int
-    run_id: int | None
-    finished_at: datetime | None
-    error: str | None
-    is_current: bool
-    branch_of: str | None
-
-
 def replace_scene(
     conn: psycopg.Connection[Any],
     scene: Scene,
@@ -138,7 +111,7 @@ def replace_scene_by_parts(
             copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
             copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
         phase("storing objects", 0, 0)
-        *counts, number, stored, page = call(conn, "_load", scene.name, _settings(scene), merge)
+        *counts, number, stored, page = call(conn, "_load", scene.name, settings_of(scene), merge)
         while page is not None:
             phase("storing objects", stored, counts[0])
             more, page = call(conn, "_add_staged", number, page)
@@ -189,40 +162,6 @@ def _range(span_us: tuple[int | None, int | None]) -> str:
     """Return a span as text of a tstzrange, with whole microseconds."""
     ends = ("" if us is None else (EPOCH + us * MICROSECOND).isoformat() for us in span_us)
     return "[" + ",".join(ends) + ")"
-
-
-def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
-    """Create a scene or change its settings, in one transaction; return its id."""
-    require_writable(conn)
-    with transaction(conn):
-        return int(call(conn, "_put_scene", scene.name, _settings(scene))[0])
-
-
-def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
-    """Return the id of a scene.
-
-    Raises InvalidInput for an unknown scene, naming the known ones, and for a branch, which most questions cannot read.
-    """
-    with transaction(conn):
-        return int(call(conn, "_scene_id", name)[0])
-
-
-def scene_or_branch_id(conn: psycopg.Connection[Any], name: str) -> int:
-    """As `scene_id`, also of a branch."""
-    with transaction(conn):
-        return int(call(conn, "_scene_or_branch", name)[0])
-
-
-def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
-    """Return every scene, by name."""
-    with transaction(conn):
-        return [SceneStatus(row[0], scene_of(row[1]), *row[2:]) for row in call_many(conn, "_scenes")]
-
-
-def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
-    """Return the scenes that changed since their last detection and their waiting times, seconds; longest first."""
-    with transaction(conn):
-        return dict(call_many(conn, "_waiting_scenes"))
 
 
 def read_scene(
@@ -276,23 +215,6 @@ def changing_heights(
         for key, floors, ceilings in zip(strings["key"], strings["floors"], strings["ceilings"], strict=True):
             if floors or ceilings:
                 yield key.decode(), decode_heights(floors, -np.inf), decode_heights(ceilings, np.inf)
-
-
-def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
-    """Return the settings of a scene; None if it does not exist."""
-    with transaction(conn):
-        return next((scene_of(settings) for (settings,) in call_many(conn, "_scene_named", name)), None)
-
-
-def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
-    """Return whether a scene with that id exists."""
-    with transaction(conn):
-        return bool(call_many(conn, "_scene", scene_id))
-
-
-def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
-    """Return the settings of the scene with that id, as the transaction sees them."""
-    return scene_of(call(conn, "_scene", scene_id)[0])
 
 
 def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
@@ -564,23 +486,3 @@ def _has_null_character(value: object) -> bool:
     if isinstance(value, Mapping):
         return any(_has_null_character(item) for pair in value.items() for item in pair)
     return isinstance(value, list | tuple) and any(_has_null_character(item) for item in value)
-
-
-def _settings(scene: Scene) -> Jsonb:
-    """Return rules and settings of a scene, these by the columns of its row; those that are None are left out."""
-    columns: dict[str, Any] = {"rules": [members_of(rule) for rule in scene.rules]}
-    for setting in SETTINGS:
-        value = getattr(scene, setting.name)
-        if value is not None:
-            columns.update(zip(setting.columns, value if setting.type is SettingType.PLACE else (value,), strict=True))
-    return Jsonb(columns)
-
-
-def scene_of(columns: Mapping[str, Any]) -> Scene:
-    """Build a scene from its name and the settings in its row (_settings_of)."""
-    settings: dict[str, Any] = {}
-    for setting in SETTINGS:
-        values = [columns[name] for name in setting.columns]
-        settings[setting.name] = values[0] if len(values) == 1 else None if None in values else tuple(values)
-    rules = [rule_of(members, "rules") for members in columns["rules"]]
-    return Scene(columns["name"], **settings, rules=rules)

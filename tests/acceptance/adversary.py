@@ -35,7 +35,8 @@ from workloads import WORKLOADS, throw
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
 
 OBJECTS: Final = 3  # areas, and as many tracks, of a random scene
 MUTATIONS: Final = 12  # that may not change the number of contacts

@@ -33,7 +33,8 @@ from hostile_objects import Hostile, put, scene_file, throw
 
 import conflictdb
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Method, Motion, Scene
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Motion, Scene
 from conflictdb.model.results import Conflict, Verdict
 from conflictdb.store import set_scene
 

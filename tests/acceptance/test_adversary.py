@@ -8,7 +8,8 @@ import pytest
 from adversary import Answer, search
 from verdicts import solved
 
-from conflictdb.model.plans import Area, Method, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
 
 SEED = 3

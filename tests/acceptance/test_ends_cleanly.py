@@ -22,7 +22,8 @@ from patience import WAIT_S, until
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
-from conflictdb.model.plans import Area, Method, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Scene, Track
 
 # Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. The detections stopped here would last for a
 # minute or for ever, so a busy machine may take longer. The slow test prints its times (`-rP` shows them).

@@ -16,7 +16,8 @@ from scenes import HOUR_S, T0_US, area, meridian_m, parallel_m, track
 from verdicts import CERTIFIED, ROUNDING_S, Reported, solved
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
 from conflictdb.model.results import Verdict
 
 earths = pytest.mark.parametrize("earth", EarthModel)

@@ -11,7 +11,8 @@ from workloads import EQUATOR, OCEAN, SEAM, throw
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
-from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track
 
 EDITS = 6
 NEAR_M = 20_000.0

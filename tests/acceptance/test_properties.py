@@ -24,7 +24,8 @@ from workloads import WORKLOADS, throw
 
 from conflictdb import solve
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Verdict
 
 # The changes below assume rhumb lines.

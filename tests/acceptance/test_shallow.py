@@ -15,7 +15,8 @@ from verdicts import CERTIFIED, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, METRES_PER_DEGREE, Workload, throw
 
 from conflictdb.core.stage4.constants import TOUCH_M
-from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 RESOLUTION_S = 1e-6
 # A bound is at most this many times the rounding error of positions divided by the closing speed.

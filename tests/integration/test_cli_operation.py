@@ -1,5 +1,6 @@
 """`status`, `init`, `upgrade`, `server`, exit codes and how errors look."""
 
+import ast
 import logging
 import os
 import subprocess
@@ -17,6 +18,13 @@ import conflictdb
 from conflictdb.cli import main
 from conflictdb.errors import SchemaTooNew
 from conflictdb.jobs import schema
+
+# What no list needs, and what it may import from the rooms of solvers and files.
+_LIBRARIES = {"numpy", "scipy", "shapely", "alembic", "sqlalchemy", "pyarrow", "pandas", "lxml"}
+_ROOMS = {"arrays", "core", "earth", "exchange", "formats", "kernel", "map", "memory", "plot", "spark"}
+_READERS = {f"conflictdb.formats.{name}" for name in ("conflict_gpx", "conflict_ics", "conflict_text", "json_text")} | {
+    "conflictdb.core", "conflictdb.core.memory", "conflictdb.formats", "conflictdb.formats.writing",
+}  # fmt: skip
 
 
 def program(*words: str, **environ: str) -> "subprocess.CompletedProcess[str]":
@@ -249,3 +257,25 @@ def test_names_with_line_breaks_stay_in_one_line(dsn: str, capsys: pytest.Captur
         done = run(*words)
         assert (done.code, done.out.count("\n")) == (0, 1), words
         assert "\\nlines" in done.out
+
+
+def test_listing_commands_import_no_solver(dsn: str, run: Run) -> None:
+    """They start in a third of the time that the solvers, the readers of files and their libraries take to import."""
+    assert run("detect", STRAIT).code == 0
+    script = (
+        "import sys\nfrom conflictdb.cli import main\ncode = main(sys.argv[1:])\n"
+        "print(code, sorted(sys.modules), file=sys.stderr)"
+    )
+    for words in (
+        ["status"],
+        ["scenes"],
+        *([name, "--scene", "strait"] for name in ("conflicts", "objects", "history")),
+    ):
+        command = [sys.executable, "-c", script, "--dsn", dsn, *words]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=True)
+        code, listed = done.stderr.splitlines()[-1].split(" ", 1)
+        loaded = set(ast.literal_eval(listed))
+        assert code == "0"
+        assert _LIBRARIES & {name.split(".")[0] for name in loaded} == set()
+        rooms = [name.split(".") for name in loaded if name.startswith("conflictdb.")]
+        assert {".".join(room) for room in rooms if room[1] in _ROOMS} <= _READERS

@@ -22,7 +22,8 @@ from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.jobs import detect
-from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 from conflictdb.store import connection, few, locking
 
 Conn = psycopg.Connection[Any]

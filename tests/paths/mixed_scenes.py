@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import Area, EarthModel, Intervals, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.model.rules import Rule, RuleTable
+from conflictdb.model.rule_table import RuleTable
+from conflictdb.model.rules import Rule
 
 Object = Area | Track
 

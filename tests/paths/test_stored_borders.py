@@ -27,7 +27,7 @@ from conflictdb.jobs import probes
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Goal, Move, Proposal
 from conflictdb.model.recurring_plans import later
-from conflictdb.store.object_states import object_states
+from conflictdb.store.object_state_rows import object_states
 from conflictdb.store.proposal_rows import proposal_basis, put_proposal
 
 # Columns of tables, parameters of put_area and put_track, and members of plans of admit, by field.

@@ -13,7 +13,8 @@ from scene_strategies import assert_same
 from conflictdb import store
 from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.jobs.detect import detect
-from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 

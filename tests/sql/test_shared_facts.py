@@ -14,7 +14,8 @@ from conflictdb.core.funnel import MEASURES, Funnel
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, earth_of
 from conflictdb.jobs import schema
 from conflictdb.jobs.detect import Run
-from conflictdb.model.plans import EarthModel, Method, Motion
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import EarthModel, Motion
 from conflictdb.model.results import Kind, Verdict
 
 Conn = psycopg.Connection[Any]

@@ -7,7 +7,8 @@ import numpy as np
 import shapely
 
 from conflictdb import Area, InvalidInput, Scene, Track
-from conflictdb.model.rules import Rule, RuleTable
+from conflictdb.model.rule_table import RuleTable
+from conflictdb.model.rules import Rule
 
 KINDS = ("area", "track")
 OWN = {"separation_m": "separation_m", "vertical_m": "vertical_separation_m", "time_s": "time_separation_s"}

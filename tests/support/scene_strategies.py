@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.model.inputs import certain
+from conflictdb.model.methods import Method
 from conflictdb.model.plans import (
     MAX_INSTANT_US,
     MIN_INSTANT_US,
     Area,
     EarthModel,
-    Method,
     Scene,
     Track,
     rectangle_outline_m,

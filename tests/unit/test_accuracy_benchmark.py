@@ -12,7 +12,8 @@ from workloads import LOW_LATITUDE
 from conflictdb import Scene, Verdict, solve
 from conflictdb.core.run import run_stages
 from conflictdb.earth.registry import Setup
-from conflictdb.model.plans import EarthModel, Method
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Kind
 
 EPOCH_US = 1_000_000

@@ -20,7 +20,8 @@ from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
-from conflictdb.model.plans import Area, Intervals, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Intervals, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Conflict
 
 T0_US = 1_772_323_200_000_000

@@ -7,7 +7,8 @@ import pytest
 
 from conflictdb.client import advise
 from conflictdb.client.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Method
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 
 def answer(*rows: tuple[int, int, bool] | None) -> np.ndarray:

@@ -21,7 +21,8 @@ from conflictdb.core.pieces import covers
 from conflictdb.core.stage4 import contact_search
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import KernelMissing
-from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Verdict
 
 T0_US = 1_700_000_000_000_000

@@ -12,7 +12,8 @@ from verdicts import periods_us
 from conflictdb import formats, solve
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
-from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000

@@ -12,7 +12,8 @@ from ruled import random_rules, sea, settings_of
 
 from conflictdb import Area, InvalidInput, Scene, Track, solve
 from conflictdb.core.separations import Separations
-from conflictdb.model.rules import Rule, RuleTable
+from conflictdb.model.rule_table import RuleTable
+from conflictdb.model.rules import Rule
 
 
 def check(seed: int, n: int, width_deg: float, **settings: Any) -> tuple[int, int]:

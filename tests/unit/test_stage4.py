@@ -18,7 +18,8 @@ from conflictdb.core.pieces.cutting import area_pieces, track_pieces
 from conflictdb.core.published import linear_program, nonlinear_program
 from conflictdb.core.published.encounters import Encounters
 from conflictdb.earth.registry import Setup
-from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
 from conflictdb.model.results import Verdict
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
