@@ -13,7 +13,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 from unittest.mock import patch
@@ -128,33 +128,21 @@ def _aircraft() -> Made:
 
 @dataclass
 class Kernel:
-    """The kernel's differences, with the seconds and the pairs of all calls."""
+    """The kernel's differences in parts, with the seconds and the pairs of all calls, and the intervals."""
 
     call: Callable[..., Any]
     seconds: float = 0.0
     pairs: int = 0
+    found: list[Any] = field(default_factory=list)
 
-    def __call__(self, *arguments: Any, **more: Any) -> Any:
+    def __call__(self, scene: Any, shifts: Any, *arguments: Any) -> Any:
         """Call the kernel."""
         began = time.process_time()
-        found = self.call(*arguments, **more)
+        rows, parts, found = self.call(scene, shifts, *arguments)
         self.seconds += time.process_time() - began
-        self.pairs += len(found)
-        return found
-
-
-class Ends:
-    """Results of the stage from the kernel's differences, with the intervals of all calls."""
-
-    def __init__(self, call: Callable[..., Any]) -> None:
-        self.call = call
-        self.found: list[Any] = []
-
-    def __call__(self, *arguments: Any, **more: Any) -> Any:
-        """Call the stage."""
-        rows, shifts, found = self.call(*arguments, **more)
+        self.pairs += len(shifts)
         self.found.append(found)
-        return rows, shifts, found
+        return rows, parts, found
 
 
 def _row(name: str, made: Made, within_s: float) -> str:
@@ -166,17 +154,16 @@ def _row(name: str, made: Made, within_s: float) -> str:
     setup = Setup.of(scene)
     pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     numbers = np.unique(object_numbers(pieces)[pieces.kind == ObjectKind.TRACK.code])
-    kernel, horizon_us = Kernel(delays.differences), round(1e6 * within_s)
+    kernel, horizon_us = Kernel(delays.difference_parts), round(1e6 * within_s)
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
     leeway = delays.Leeway(False, False, -horizon_us, horizon_us)
     began = time.process_time()
-    ends = Ends(delays.solved_shifts)
-    with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
+    with patch.object(delays, "difference_parts", kernel):
         every = delays.differences_of(setup, Memory(pieces), numbers, horizon_us, waits=None)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began
-    found = np.concatenate(ends.found)
+    found = np.concatenate(kernel.found)
     inside = found[found["state"] == DifferenceState.INNER]
     errors_s = np.concatenate([inside["inner_low"] - inside["outer_low"], inside["outer_high"] - inside["inner_high"]])
     return ROW.format(

@@ -17,9 +17,10 @@ from conflictdb.kernel import build
 OUTPUT: Final = Path(__file__).resolve().parents[1] / "conflictdb" / "map" / "page" / "kernel.wasm"
 # The functions that the page calls.
 EXPORTS: Final = (
-    "kernel_abi", "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",
-    "kernel_contacts_free", "kernel_differences", "kernel_hulls", "kernel_apart", "kernel_distances",
-    "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees", "kernel_mitred", "kernel_may_meet",
+    "kernel_abi", "kernel_fingerprint", "kernel_free", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",
+    "kernel_differences", "kernel_difference_parts", "kernel_height_overlaps", "kernel_level_shifts", "kernel_hulls",
+    "kernel_apart", "kernel_distances", "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees",
+    "kernel_mitred", "kernel_may_meet",
     "malloc", "free",
 )  # fmt: skip
 

@@ -8,7 +8,7 @@ ones only.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from conflictdb.core.near import FOREVER_US, Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
 from conflictdb.earth.geodesy import is_standing
 from conflictdb.earth.registry import Setup
-from conflictdb.kernel.differences import DifferenceState, Shifts, differences
+from conflictdb.kernel.differences import Shifts, difference_parts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 
@@ -35,9 +35,6 @@ _End = Literal["start", "end"]
 _ROUNDING_US: Final = 0.1
 # Differences are asked for up to this much beyond the horizon, microseconds: more than they are rounded by.
 _BEYOND_US: Final = 10
-# If more than this remains open between outer and inner interval, seconds, the times are halved; and how often at most.
-_LOOSE_S: Final = 1.0
-_MOST_SPLITS: Final = 6
 # An inner interval ends this many units inside of the proven one: at its end two objects may share only the last
 # instant of a span, which does not belong to it.
 LAST_INSTANT: Final = 1
@@ -496,7 +493,8 @@ def _of_some_pairs(
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     left, own, doubt_s = with_heights(pieces, shifts.take(solved))
-    rows, _, found = solved_shifts(prepared, own, scene.separation_m + scene.tolerance_m, threads)
+    reach_m = scene.separation_m + scene.tolerance_m
+    rows, _, found = difference_parts(prepared, own, reach_m, kernel.Work(), threads)
     found["inner_low"] += doubt_s[rows]
     found["inner_high"] -= doubt_s[rows]
     rows = left[rows]
@@ -542,43 +540,6 @@ def shifts_of(
     )
     shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least, most)
     return shifts, first, last
-
-
-def solved_shifts(
-    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int, work: kernel.Work | None = None
-) -> tuple[_Ints, Shifts, NDArray[Any]]:
-    """Return rows of pairs that something asked about brings into contact, their times, and the answers.
-
-    Where a part of an interval is neither proven free nor forbidden, times are halved, so that a pair may have several
-    rows: contact sets of havens that change their shape may have several parts.
-    """
-    rows, done = np.arange(len(shifts)), []
-    for split in range(_MOST_SPLITS + 1):
-        found = differences(prepared, shifts, reach_m, work or kernel.Work(), threads)
-        known = (found["state"] == DifferenceState.NONE) | (found["state"] == DifferenceState.UNKNOWN)
-        # A factor moves the end of a piece by as much more as it is later.
-        loose = _LOOSE_S / np.maximum(shifts.a_end_s, _LOOSE_S) if shifts.is_factor else _LOOSE_S
-        known |= found["outer_high"] - found["outer_low"] <= found["inner_high"] - found["inner_low"] + loose
-        known |= (found["outer_high"] - found["outer_low"] <= loose) | (split == _MOST_SPLITS)
-        kept = known & (found["state"] != DifferenceState.NONE)
-        done.append((rows[kept], shifts.take(np.flatnonzero(kept)), found[kept]))
-        if known.all():
-            break
-        rows, shifts = np.repeat(rows[~known], 2), _halved(shifts.take(np.flatnonzero(~known)))
-    rows_of, shifts_of_rows, found_of = zip(*done, strict=True)
-    return np.concatenate(rows_of), Shifts.concatenate(shifts_of_rows), np.concatenate(found_of)
-
-
-def _halved(shifts: Shifts) -> Shifts:
-    """Return each pair twice (2 n): with the first and the second half of its longer time."""
-    n = len(shifts)
-    twice = shifts.take(np.repeat(np.arange(n), 2))
-    times = {name: getattr(twice, name).copy() for name in ("a_start_s", "a_end_s", "b_start_s", "b_end_s")}
-    is_a = shifts.a_end_s - shifts.a_start_s >= shifts.b_end_s - shifts.b_start_s
-    for member, rows in (("a", np.flatnonzero(is_a)), ("b", np.flatnonzero(~is_a))):
-        start, end = times[f"{member}_start_s"], times[f"{member}_end_s"]
-        start[2 * rows + 1] = end[2 * rows] = 0.5 * (start[2 * rows] + end[2 * rows])
-    return replace(twice, **times)
 
 
 def _later(instant_us: _Ints, zero_us: _Ints, more_us: NDArray[np.float64]) -> _Ints:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.core.delays import solved_shifts
-from conflictdb.kernel.differences import Shifts, differences
+from conflictdb.kernel.differences import Shifts, difference_parts, differences
 
 _Ints = NDArray[np.int64]
 
@@ -56,8 +55,9 @@ def factors_within(
     """
     wide_us, sure_us = within_us + _ROUNDED_US, within_us - _ROUNDED_US
     wide_s, sure_s = wide_us / 1e6, sure_us / 1e6
-    row, parts, slow = solved_shifts(prepared, _all_differences(shifts, least), reach_m, threads)
-    fast = differences(prepared, _all_differences(parts, most), reach_m, kernel.Work(), threads)
+    work = kernel.Work()
+    row, parts, slow = difference_parts(prepared, _all_differences(shifts, least), reach_m, work, threads)
+    fast = differences(prepared, _all_differences(parts, most), reach_m, work, threads)
     # Of a contact at difference d with factor k, a lower factor has a larger difference.
     left = np.flatnonzero((slow["outer_high"] >= -wide_s) & (fast["outer_low"] <= wide_s))
     row, parts, slow, fast = row[left], parts.take(left), slow[left], fast[left]
@@ -117,7 +117,7 @@ def _with_b_later(
         is_factor=True,
         weight=None,
     )
-    row, _, found = solved_shifts(prepared, shifted, reach_m, threads)
+    row, _, found = difference_parts(prepared, shifted, reach_m, kernel.Work(), threads)
     return row, found
 
 

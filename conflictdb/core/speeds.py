@@ -23,7 +23,7 @@ from conflictdb.core.factors_within import factors_within
 from conflictdb.core.near import Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
 from conflictdb.earth.registry import Setup
-from conflictdb.kernel.differences import Shifts
+from conflictdb.kernel.differences import Shifts, difference_parts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
 
@@ -177,7 +177,7 @@ def _of_stretched(
         )
         put(rows[left[row]], *factors)
     else:
-        row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+        row, _, found = difference_parts(prepared, shifts, reach_m, kernel.Work(), threads)
         # Doubts of the ends of both times, as doubts of factors: a factor moves the times of a.
         doubt = np.maximum(found["inner_high"], 1.0) * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
         found["inner_low"] += doubt
@@ -191,7 +191,7 @@ def _of_stretched(
         *(a_start_s[rows], a_end_s[rows], nothing[rows], nothing[rows], -ever, ever),
     )
     left, shifts, doubt_s = with_heights(pieces, shifts)
-    row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    row, _, found = difference_parts(prepared, shifts, reach_m, kernel.Work(), threads)
     found["inner_low"] += doubt_s[row]
     found["inner_high"] -= doubt_s[row]
     rows = rows[left]

@@ -17,12 +17,11 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.core.climbs import surely_overlap, with_heights
-from conflictdb.core.delays import solved_shifts
 from conflictdb.core.ends_of_uses import LADDER, ROUNDING_US, ends_of, guessed_ends, shifted
 from conflictdb.core.uses import Uses
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup
-from conflictdb.kernel.differences import DifferenceState, Shifts, differences
+from conflictdb.kernel.differences import DifferenceState, Shifts, difference_parts, differences
 from conflictdb.kernel.meeting import meetings
 from conflictdb.model.results import Verdict
 
@@ -182,19 +181,19 @@ def _of_reach(
 def _solved(
     prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, within_us: int, work: kernel.Work, threads: int
 ) -> tuple[_Ints, NDArray[Any]]:
-    """Return rows of pairs that may come within a reach, and their differences (`solved_shifts`).
+    """Return rows of pairs that may come within a reach, and their differences (`difference_parts`).
 
     A pair without a proven contact is asked again about all differences: ends are sharper that way, and `stages.delays`
     asks so. Thus what it proves free is free.
     """
-    row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+    row, _, found = difference_parts(prepared, shifts, reach_m, work, threads)
     between_us = shifts.b_zero_us - shifts.a_zero_us
     doubtful = np.setdiff1d(row, row[_is_sure(found, between_us[row], within_us)])
     if not doubtful.size:
         return row, found
     endless = np.full(len(doubtful), np.inf)
     asked = replace(shifts.take(doubtful), least=-endless, most=endless)
-    of, _, every = solved_shifts(prepared, asked, reach_m, threads, work)
+    of, _, every = difference_parts(prepared, asked, reach_m, work, threads)
     low, high = _outer_us(every, between_us[doubtful[of]])
     apart = np.setdiff1d(doubtful, doubtful[of[~((low > within_us) | (high < -within_us))]])
     left = np.flatnonzero(~np.isin(row, apart))

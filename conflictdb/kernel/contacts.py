@@ -13,7 +13,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
 from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
-from conflictdb.kernel.library import address, check, library, shared
+from conflictdb.kernel.library import address, check, library, shared, taken
 from conflictdb.kernel.waiting import ThreadWork
 
 # Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
@@ -93,11 +93,7 @@ def contacts(
                 *(ctypes.byref(given) for given in (held, question, found, count, done)),
             )
         )
-        try:
-            size = count.value * CONTACT.itemsize
-            items = np.frombuffer(ctypes.string_at(found, size) if size else b"", CONTACT).copy()
-        finally:
-            library().kernel_contacts_free(found)
+        items = taken(found, count, CONTACT)
         asked.raise_what_failed()
         items["pair"] += rows.start
         return items, done

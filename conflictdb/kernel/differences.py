@@ -4,7 +4,7 @@ import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldWork, KernelScene, Work
-from conflictdb.kernel.library import Held, address, check, library, shared
+from conflictdb.kernel.library import Held, address, check, library, shared, taken
 
 _Ints = NDArray[np.int64]
 # Pairs per slice of a thread: milliseconds of work.
 _SHARE: Final = 128
 
-# KernelDifference.
+# KernelDifference, KernelDifferencePart.
 DIFFERENCE: Final = record("KernelDifference")
+_PART: Final = record("KernelDifferencePart")
 
 
 class DifferenceState(IntEnum):
@@ -86,26 +87,61 @@ def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, 
     reach_m : contact means to come within this, metres on the earth; 0: touching
     work : work counters, increased
     """
-    n = len(shifts)
-    columns = shifts.columns()
-    if any(column.shape != (n,) for column in columns.values()):
-        raise ValueError("kernel: the columns of pairs are not of one length")
-    found = np.empty(n, DIFFERENCE)
+    found = np.empty(len(shifts), DIFFERENCE)
 
     def solve(rows: slice) -> HeldWork:
-        held, done = _HeldShifts(rows.stop - rows.start, shifts.is_factor), HeldWork()
-        held.hold(**{name: column[rows] for name, column in columns.items()})
-        answers = address(found[rows])
+        held, done, answers = HeldShifts.of(shifts, rows), HeldWork(), address(found[rows])
         check(library().kernel_differences(scene.handle, ctypes.byref(held), reach_m, answers, ctypes.byref(done)))
         return done
 
-    for done in shared(solve, n, threads, _SHARE, vertices=scene.vertices(shifts.a, shifts.b)):
-        work.windows += done.windows
-        work.evaluations += done.evaluations
+    for done in shared(solve, len(shifts), threads, _SHARE, vertices=scene.vertices(shifts.a, shifts.b)):
+        count(work, done)
     return found
 
 
-class _HeldShifts(Held):
+def difference_parts(
+    scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, threads: int = 1
+) -> tuple[_Ints, Shifts, NDArray[Any]]:
+    """Return the rows (m,) of pairs that something asked about brings into contact, their times, and the answers.
+
+    Where a part of an interval is neither proven free nor forbidden, times are halved, so that a pair may have several
+    rows: contact sets of havens that change their shape may have several parts.
+    """
+
+    def solve(rows: slice) -> tuple[NDArray[Any], HeldWork]:
+        held, found, size, done = HeldShifts.of(shifts, rows), ctypes.c_void_p(), ctypes.c_int64(), HeldWork()
+        answers = [ctypes.byref(one) for one in (found, size, done)]
+        check(library().kernel_difference_parts(scene.handle, ctypes.byref(held), reach_m, *answers))
+        items = taken(found, size, _PART)
+        items["pair"] += rows.start
+        return items, done
+
+    parts = shared(solve, len(shifts), threads, _SHARE, vertices=scene.vertices(shifts.a, shifts.b))
+    for _, done in parts:
+        count(work, done)
+    items = np.concatenate([np.empty(0, _PART), *(some for some, _ in parts)])
+    pair = items["pair"].copy()
+    times: dict[str, Any] = {name: items[name].copy() for name in ("a_start_s", "a_end_s", "b_start_s", "b_end_s")}
+    return pair, replace(shifts.take(pair), **times), items["found"].astype(DIFFERENCE)
+
+
+def count(work: Work, done: HeldWork) -> None:
+    """Add the work of a call."""
+    work.windows += done.windows
+    work.evaluations += done.evaluations
+
+
+class HeldShifts(Held):
     """KernelShifts."""
 
     _fields_, types = structure("KernelShifts")
+
+    @classmethod
+    def of(cls, shifts: Shifts, rows: slice) -> Self:
+        """Return pointers to some rows. Raises ValueError unless all columns have one length."""
+        columns = shifts.columns()
+        if any(column.shape != (len(shifts),) for column in columns.values()):
+            raise ValueError("kernel: the columns of pairs are not of one length")
+        held = cls(rows.stop - rows.start, shifts.is_factor)
+        held.hold(**{name: column[rows] for name, column in columns.items()})
+        return held

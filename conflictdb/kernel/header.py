@@ -51,13 +51,18 @@ def structure(name: str) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
                 if kind in _NUMBERS:
                     elements[field] = np.dtype(_NUMBERS[kind])
             else:
-                fields.append((field, _NUMBERS[kind] * constant(size) if size else _NUMBERS[kind]))
+                of = _NUMBERS[kind] if kind in _NUMBERS else _structure_of(kind)
+                fields.append((field, of * constant(size) if size else of))
     return tuple(fields), elements
+
+
+def _structure_of(name: str) -> Any:
+    return type(name, (ctypes.Structure,), {"_fields_": structure(name)[0]})
 
 
 def record(name: str) -> np.dtype[Any]:
     """Return a structure of numbers as the type of an array's elements."""
-    return np.dtype(type(name, (ctypes.Structure,), {"_fields_": structure(name)[0]}))
+    return np.dtype(_structure_of(name))
 
 
 @cache

@@ -18,8 +18,8 @@
  * Errors: counts, offsets and indices are validated (KernelStatus); unless a call returns KERNEL_OK, its results are
  * incomplete. NaN and infinite coordinates are valid input: their piece is invalid, and its pairs are KERNEL_UNRESOLVED,
  * NaN or unknown. The broad phase is another matter: a box with NaN is in no pair, so callers report pieces without a hull.
- * Memory: each call frees its working memory. Callers allocate the result arrays, with two exceptions:
- * free scenes with kernel_scene_free, contacts with kernel_contacts_free.
+ * Memory: each call frees its working memory. Callers allocate the result arrays, with exceptions: free scenes with
+ * kernel_scene_free, box trees with kernel_box_tree_free, and lists of unknown length with kernel_free.
  *
  * Sections, and the folders that implement them: status and limits; scene (scene/); narrow phase (narrow/); regions
  * (regions/); broad phase (broad/); bytes (bytes/). They share planes/ (motion and distances in a plane) and geometry/
@@ -40,11 +40,15 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 24
+#define KERNEL_ABI 25
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
 #define KERNEL_TOUCH_M 5e-8
+
+/* How far heights of a piece may be beyond those of its object, metres: with a vertical separation they are rounded, and with
+ * closed intervals those of climbs are extended by this. */
+#define KERNEL_HEIGHT_ROUNDING_M 1e-9
 
 /* Extra padding of hulls, metres: plane coordinates reach 4e7 m, where doubles are 7.5e-9 m apart, and a vertex is a sum
  * of about ten of them. Larger: more candidate pairs. Smaller: rounding may hide a touch. */
@@ -90,6 +94,9 @@ KERNEL_API int32_t kernel_abi(void);
 
 /* Return the fingerprint of the sources, as given by the build. */
 KERNEL_API const char *kernel_fingerprint(void);
+
+/* Free a list that a call allocated. NULL is allowed. */
+KERNEL_API void kernel_free(void *list);
 
 /* ---- Scene ------------------------------------------------------------------------------------------------------ */
 
@@ -270,13 +277,10 @@ typedef struct {
  * first is exhausted, the times that are not proven apart by then are reported, as KERNEL_UNRESOLVED or KERNEL_GRAZING, or
  * within a larger error_s. When the second is exhausted, the whole pair is KERNEL_UNRESOLVED.
  *
- * contacts : allocated here, free with kernel_contacts_free
+ * contacts : allocated here, free with kernel_free
  */
 KERNEL_API KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
                                         KernelContact **contacts, int64_t *count, KernelWork *work);
-
-/* Free contacts. NULL is allowed. */
-KERNEL_API void kernel_contacts_free(KernelContact *contacts);
 
 /* Compute the meeting point of pairs at low_s: a common point if they overlap, else the middle between their nearest
  * points in the plane.
@@ -345,6 +349,13 @@ typedef struct {
     double low_a_s, low_b_s, high_a_s, high_b_s;
 } KernelDifference;
 
+/* A part of the times of a pair that has a difference. */
+typedef struct {
+    int64_t pair;
+    double a_start_s, a_end_s, b_start_s, b_end_s;
+    KernelDifference found;
+} KernelDifferencePart;
+
 /* Find the differences of departure, or the factors of time, that bring pairs within reach_m of each other on the earth (0:
  * touching).
  *
@@ -359,6 +370,43 @@ typedef struct {
  */
 KERNEL_API KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *shifts, double reach_m,
                                            KernelDifference *found, KernelWork *work);
+
+/* The same in parts, ordered by pair: contact sets of havens that change their shape may have several. Times are halved
+ * where more than a second of a difference is neither proven free nor forbidden. Pairs without a contact have no part.
+ *
+ * parts : allocated here, free with kernel_free
+ */
+KERNEL_API KernelStatus kernel_difference_parts(const KernelScene *scene, const KernelShifts *shifts, double reach_m,
+                                                KernelDifferencePart **parts, int64_t *count, KernelWork *work);
+
+/* Heights of pieces, linear in time along their legs. */
+typedef struct {
+    int64_t count;
+    const double *climb_m;                    /* (count, 4) floor at the start and the end of the leg, then the ceilings;
+                                                 NULL: floor_m and ceiling_m all the time */
+    const double *floor_m, *ceiling_m;        /* (count,) the lowest and the highest of the piece */
+    const int64_t *start_us, *end_us;         /* (count,) the piece */
+    const int64_t *leg_start_us, *leg_end_us; /* (count,) the leg */
+} KernelHeights;
+
+/* Compute when the heights of pairs overlap during the time that both pieces share.
+ *
+ * a, b : (count,) indices of pieces
+ * first_s, last_s : (count,) seconds from the start of that time; first > last: never. -INFINITY and INFINITY if neither
+ *     climbs
+ * error_s : (count,) by how much each end may be too early or too late
+ */
+KERNEL_API KernelStatus kernel_height_overlaps(const KernelHeights *pieces, const int64_t *a, const int64_t *b, int64_t count,
+                                               double *first_s, double *last_s, double *error_s);
+
+/* Cut the times of both pieces of shifts to when their heights may overlap at any time of the other one. If only one climbs,
+ * they overlap at exactly these times; two that climb may still miss each other.
+ *
+ * a_start_s, a_end_s, b_start_s, b_end_s : (count,) results; start > end: never
+ * doubt_s : (count,) result: errors of these ends; infinite if heights are not known to overlap at them
+ */
+KERNEL_API KernelStatus kernel_level_shifts(const KernelHeights *pieces, const KernelShifts *shifts, double *a_start_s,
+                                            double *a_end_s, double *b_start_s, double *b_end_s, double *doubt_s);
 
 /* Areas of the plane: closed rings one after the other, plane metres. */
 typedef struct {

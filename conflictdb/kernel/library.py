@@ -85,6 +85,15 @@ def address(array: NDArray[Any]) -> int:
         return int(array.ctypes.data)
 
 
+def taken(found: ctypes.c_void_p, count: ctypes.c_int64, record: np.dtype[Any]) -> NDArray[Any]:
+    """Return a list that a call allocated, and free it."""
+    try:
+        size = count.value * record.itemsize
+        return np.frombuffer(ctypes.string_at(found, size) if size else b"", record).copy()
+    finally:
+        library().kernel_free(found)
+
+
 def shared(
     solve: Callable[[slice], _T], n: int, threads: int, share: int = SHARE, vertices: NDArray[np.int64] | None = None
 ) -> list[_T]:

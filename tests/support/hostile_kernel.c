@@ -342,6 +342,22 @@ static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, cons
     free(ring), free(ring_offset), free(what);
 }
 
+/* Cut times of pieces, and of pairs of them, to when heights overlap. */
+static void level_shifts(const KernelShifts *shifts, int64_t m, int64_t odd, int64_t calls[16]) {
+    const int64_t hour = INT64_C(3600000000), n = 10;
+    double *climb = block(4 * n, 8), *floor = block(n, 8), *ceiling = block(n, 8), *found = block(5 * m, 8);
+    int64_t *instants = block(4 * n, 8);
+    for (int64_t k = 0; k < 4 * n; k++) climb[k] = number(-50.0, 50.0, odd), instants[k] = instant(0, hour, odd);
+    for (int64_t k = 0; k < n; k++) floor[k] = number(-50.0, 0.0, odd), ceiling[k] = number(0.0, 50.0, odd);
+    KernelHeights heights = {
+        below(50 * odd) ? n : -1, below(4) ? climb : NULL, floor, below(50 * odd) ? ceiling : NULL, instants, instants + n,
+        instants + 2 * n,         instants + 3 * n};
+    double *room = below(50 * odd) ? found : NULL;
+    calls[kernel_height_overlaps(&heights, shifts->a, shifts->b, shifts->count, found, found + m, room)]++;
+    calls[kernel_level_shifts(&heights, shifts, found, found + m, found + 2 * m, found + 3 * m, room)]++;
+    free(climb), free(floor), free(ceiling), free(found), free(instants);
+}
+
 /* Ask for differences of departure, or for factors of time; each piece has a zero and a time of its own, now and then one that is none. */
 static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, double reach, int64_t odd, int64_t calls[16]) {
     const int64_t hour = INT64_C(3600000000), m = pairs->count < 8 ? pairs->count : 8, is_factor = below(2);
@@ -371,6 +387,13 @@ static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, 
                            below(2) ? weight : NULL};
     KernelStatus status = kernel_differences(scene, &shifts, reach, found, &work);
     calls[status]++;
+    KernelDifferencePart *parts = NULL;
+    int64_t count = 0, pair = 0;
+    calls[kernel_difference_parts(scene, &shifts, reach, below(50 * odd) ? &parts : NULL, &count, &work)]++;
+    for (int64_t k = 0; k < count; pair = parts[k++].pair)
+        if (parts[k].pair < pair || parts[k].pair >= m || parts[k].found.state == KERNEL_DIFFERENCE_NONE) abort();
+    kernel_free(parts);
+    level_shifts(&shifts, m, odd, calls);
     for (int64_t i = 0; status == KERNEL_OK && i < m; i++) {
         const KernelDifference *one = found + i;
         bool is_none = one->state == KERNEL_DIFFERENCE_NONE, is_inner = one->state == KERNEL_DIFFERENCE_INNER;
@@ -453,7 +476,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
         if (contacts[i].pair < pair || contacts[i].pair >= m) exit(4);
         outcomes[contacts[i].verdict]++;
     }
-    kernel_contacts_free(contacts);
+    kernel_free(contacts);
     double *degrees = block(2 * m, 8);
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;

@@ -31,13 +31,13 @@ from conflictdb import (
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.client.advise import advise
 from conflictdb.core import run
-from conflictdb.core.delays import solved_shifts
 from conflictdb.core.ends_of_uses import ends_of
 from conflictdb.core.near import Memory
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup, centred
+from conflictdb.kernel.differences import difference_parts
 from conflictdb.model.rules import Rule
 
 RADIUS_M = 6371008.771415
@@ -270,7 +270,7 @@ def test_a_pair_is_free_if_its_parts_are(monkeypatch: pytest.MonkeyPatch) -> Non
     def solved(
         prepared: Any, shifts: Any, reach_m: float, within_us: int, work: Any, threads: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+        row, _, found = difference_parts(prepared, shifts, reach_m, work, threads)
         return row, found
 
     monkeypatch.setattr("conflictdb.core.uses_of_tracks._solved", solved)

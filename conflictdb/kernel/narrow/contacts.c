@@ -83,5 +83,3 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
     *contacts = answers.items, *count = answers.count;
     return KERNEL_OK;
 }
-
-void kernel_contacts_free(KernelContact *contacts) { free(contacts); }

@@ -28,6 +28,7 @@
 
 #include "scene/border.h"
 #include "narrow/cuts.h"
+#include "narrow/differences.h"
 
 /* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for pairs of more than FEW_VERTICES, at least LEAST_LOOKS: ten
  * seconds for a million vertices. Positions computed to prove contact, by look. Boxes kept. Smaller: ends are looser. */
@@ -36,6 +37,8 @@ enum { MOST_LOOKS = 800, FEW_VERTICES = 64, LEAST_LOOKS = 24, PLACES_PER_LOOK = 
 enum { ROOT_STEPS = 40 };
 /* Boxes that hardly lower their bound although smaller ones would not help. */
 enum { MOST_STALLS = 24 };
+/* If more than LOOSE_S remains open between the outer and the inner interval, the times are halved. */
+static const double LOOSE_S = 1.0;
 /* Ends are found to AIM_S; boxes are not halved below SHORTEST_S. Below KNOWN_SHARE of what distances leave open the bend
  * of motion does not matter, and nearer than FEW times that to the border no more is known. A box shrinks if to SHRUNK of
  * its size, or if its bound comes nearer to what was seen by GAIN. Waypoints of a stretched track, rounded to microseconds, and
@@ -274,19 +277,25 @@ static KernelDifference differences_of(Search *search, Box *whole) {
     return found;
 }
 
-static double weight_of(const KernelShifts *shifts, int64_t i) { return shifts->weight ? shifts->weight[i] : 1.0; }
+struct Differences {
+    Search search;
+    Encounter pair;
+    const KernelScene *scene;
+    double *memory, *halves;
+};
 
-/* Set up pair i; false if its times or one of its pieces is invalid. */
-static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t i, Search *search, Box *whole) {
-    Encounter *pair = search->cuts.shift.pair;
-    double u0 = shifts->a_start_s[i], u1 = shifts->a_end_s[i], v0 = shifts->b_start_s[i], v1 = shifts->b_end_s[i];
-    Vector origin = scene->bodies[shifts->a[i]].origin;
-    Goal goal = {shifts->is_factor, shifts->least[i], shifts->most[i], ROUNDED_S, weight_of(shifts, i)};
+/* Set up a pair; false if its times or one of its pieces is invalid. */
+static bool begin(Differences *made, const Shifted *one, Box *whole) {
+    Search *search = &made->search;
+    Encounter *pair = &made->pair;
+    double u0 = one->a_start_s, u1 = one->a_end_s, v0 = one->b_start_s, v1 = one->b_end_s;
+    Vector origin = made->scene->bodies[one->a].origin;
+    Goal goal = {one->is_factor, one->least, one->most, ROUNDED_S, one->weight};
     if (!(u0 <= u1 && v0 <= v1 && goal.weight > 0.0 && goal.weight < INFINITY)) return false;
     bool is_in_order = goal.least > 0.0 && goal.least <= goal.most && goal.most < INFINITY;
     if (goal.is_factor && !(u0 >= 0.0 && is_in_order)) return false;
-    if (!border_move(scene, shifts->a[i], shifts->a_zero_us[i], u0, u1, origin, &pair->a)) return false;
-    if (!border_move(scene, shifts->b[i], shifts->b_zero_us[i], v0, v1, origin, &pair->b)) return false;
+    if (!border_move(made->scene, one->a, one->a_zero_us, u0, u1, origin, &pair->a)) return false;
+    if (!border_move(made->scene, one->b, one->b_zero_us, v0, v1, origin, &pair->b)) return false;
     *whole = (Box){.u0 = u0, .u1 = u1, .v0 = v0, .v1 = v1, .part = part_of(u0, u1, v0, v1)};
     goal_cut_asked(&goal, &whole->part);
     if (whole->part.count > 0) fit(whole);
@@ -302,32 +311,146 @@ static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t 
     return true;
 }
 
-KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *shifts, double reach_m, KernelDifference *found,
-                                KernelWork *work) {
+KernelStatus differences_begin(const KernelScene *scene, const KernelPairs *pairs, double reach_m, KernelWork *work,
+                               Differences **made) {
+    Differences *differences = calloc(1, sizeof *differences);
+    *made = NULL;
+    if (!differences) return KERNEL_NO_MEMORY;
+    differences->scene = scene, differences->pair = (Encounter){.separation_m = reach_m, .work = work};
+    Encounter *pair = &differences->pair;
+    KernelStatus status = border_begin(scene, pairs, pair, &differences->memory);
+    if (status != KERNEL_OK) {
+        free(differences);
+        return status;
+    }
+    int64_t largest = pair->a0.y - pair->a0.x;
+    Cuts *cuts = &differences->search.cuts;
+    differences->search.boxes = malloc(BOXES * sizeof *differences->search.boxes);
+    double *halves = differences->halves = malloc(4 * (size_t)largest * sizeof *halves);
+    cuts->shift.pair = pair, cuts->shift.reach_m = reach_m;
+    for (int k = 0; halves && k < 4; k++) cuts->halves[k] = halves + k * largest;
+    cuts->touch_m = 2.0 * KERNEL_TOUCH_M + encounter_distance_error_m(pair, reach_m);
+    if (halves && differences->search.boxes) *made = differences;
+    else differences_end(differences);
+    return *made ? KERNEL_OK : KERNEL_NO_MEMORY;
+}
+
+void differences_end(Differences *made) {
+    if (!made) return;
+    free(made->memory), free(made->search.boxes), free(made->halves);
+    free(made);
+}
+
+KernelDifference differences_met(Differences *made, const Shifted *one) {
+    Box whole;
+    double low = one->b_start_s - one->weight * one->a_end_s, high = one->b_end_s - one->weight * one->a_start_s;
+    if (one->is_factor) low = one->least, high = one->most;
+    if (!(low <= high)) low = -INFINITY, high = INFINITY;
+    bool is_valid = begin(made, one, &whole);
+    return is_valid ? differences_of(&made->search, &whole) : outer_alone(low, high, KERNEL_DIFFERENCE_UNKNOWN);
+}
+
+/* Whether halving the times would tell no more. */
+static bool is_known(const Shifted *one, const KernelDifference *found) {
+    if (found->state == KERNEL_DIFFERENCE_NONE || found->state == KERNEL_DIFFERENCE_UNKNOWN) return true;
+    /* A factor moves the end of a piece by as much more as it is later. */
+    double loose = one->is_factor ? LOOSE_S / most(one->a_end_s, LOOSE_S) : LOOSE_S;
+    double open = found->outer_high - found->outer_low;
+    return open <= found->inner_high - found->inner_low + loose || open <= loose;
+}
+
+/* Halve the longer time of a pair. */
+static void halve(const Shifted *one, Shifted *first, Shifted *second) {
+    *first = *second = *one;
+    if (one->a_end_s - one->a_start_s >= one->b_end_s - one->b_start_s)
+        first->a_end_s = second->a_start_s = 0.5 * (one->a_start_s + one->a_end_s);
+    else first->b_end_s = second->b_start_s = 0.5 * (one->b_start_s + one->b_end_s);
+}
+
+int differences_in_parts(Differences *made, const Shifted *one, ShiftedPart *parts) {
+    Shifted room[2][DIFFERENCES_PARTS], *open = room[0], *next = room[1];
+    int count = 0, left = 1;
+    open[0] = *one;
+    for (int halvings = 0; left > 0; halvings++) {
+        int halved = 0;
+        for (int k = 0; k < left; k++) {
+            KernelDifference found = differences_met(made, open + k);
+            if (halvings < DIFFERENCES_HALVINGS && !is_known(open + k, &found)) {
+                halve(open + k, next + halved, next + halved + 1);
+                halved += 2;
+            } else if (found.state != KERNEL_DIFFERENCE_NONE) parts[count++] = (ShiftedPart){open[k], found};
+        }
+        Shifted *done = open;
+        open = next, next = done, left = halved;
+    }
+    return count;
+}
+
+Shifted differences_asked(const KernelShifts *shifts, int64_t i) {
+    return (Shifted){shifts->a[i],
+                     shifts->b[i],
+                     shifts->a_zero_us[i],
+                     shifts->b_zero_us[i],
+                     shifts->a_start_s[i],
+                     shifts->a_end_s[i],
+                     shifts->b_start_s[i],
+                     shifts->b_end_s[i],
+                     shifts->least[i],
+                     shifts->most[i],
+                     shifts->weight ? shifts->weight[i] : 1.0,
+                     shifts->is_factor != 0};
+}
+
+KernelStatus differences_begin_shifts(const KernelScene *scene, const KernelShifts *shifts, double reach_m, KernelWork *work,
+                                      Differences **made) {
     if (!scene || !shifts || !work) return KERNEL_NULL;
     bool has_times = shifts->b_zero_us && shifts->b_start_s && shifts->b_end_s && shifts->least && shifts->most;
-    if (shifts->count > 0 && !(has_times && found)) return KERNEL_NULL;
+    if (shifts->count > 0 && !has_times) return KERNEL_NULL;
     KernelPairs pairs = {shifts->count, shifts->a, shifts->b, shifts->a_zero_us, shifts->a_start_s, shifts->a_end_s};
-    Encounter pair = {.separation_m = reach_m, .work = work};
-    double *memory;
     *work = (KernelWork){0};
-    KernelStatus status = border_begin(scene, &pairs, &pair, &memory);
+    return differences_begin(scene, &pairs, reach_m, work, made);
+}
+
+KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *shifts, double reach_m, KernelDifference *found,
+                                KernelWork *work) {
+    if (shifts && shifts->count > 0 && !found) return KERNEL_NULL;
+    Differences *made;
+    KernelStatus status = differences_begin_shifts(scene, shifts, reach_m, work, &made);
     if (status != KERNEL_OK) return status;
-    int64_t largest = pair.a0.y - pair.a0.x;
-    Box *boxes = malloc(BOXES * sizeof *boxes);
-    double *halves = malloc(4 * (size_t)largest * sizeof *halves);
-    Search search = {.cuts = {.shift = {.pair = &pair, .reach_m = reach_m}}, .boxes = boxes};
-    for (int k = 0; halves && k < 4; k++) search.cuts.halves[k] = halves + k * largest;
-    search.cuts.touch_m = 2.0 * KERNEL_TOUCH_M + encounter_distance_error_m(&pair, reach_m);
-    for (int64_t i = 0; boxes && halves && i < shifts->count; i++) {
-        Box whole;
-        double weight = weight_of(shifts, i), low = shifts->b_start_s[i] - weight * shifts->a_end_s[i];
-        double high = shifts->b_end_s[i] - weight * shifts->a_start_s[i];
-        if (shifts->is_factor) low = shifts->least[i], high = shifts->most[i];
-        if (!(low <= high)) low = -INFINITY, high = INFINITY;
-        bool is_valid = begin(scene, shifts, i, &search, &whole);
-        found[i] = is_valid ? differences_of(&search, &whole) : outer_alone(low, high, KERNEL_DIFFERENCE_UNKNOWN);
+    for (int64_t i = 0; i < shifts->count; i++) {
+        Shifted one = differences_asked(shifts, i);
+        found[i] = differences_met(made, &one);
     }
-    free(memory), free(boxes), free(halves);
-    return boxes && halves ? KERNEL_OK : KERNEL_NO_MEMORY;
+    differences_end(made);
+    return KERNEL_OK;
+}
+
+KernelStatus kernel_difference_parts(const KernelScene *scene, const KernelShifts *shifts, double reach_m,
+                                     KernelDifferencePart **parts, int64_t *count, KernelWork *work) {
+    if (!parts || !count) return KERNEL_NULL;
+    Differences *made;
+    *parts = NULL, *count = 0;
+    KernelStatus status = differences_begin_shifts(scene, shifts, reach_m, work, &made);
+    if (status != KERNEL_OK) return status;
+    KernelDifferencePart *items = NULL;
+    int64_t room = 0, found = 0;
+    for (int64_t i = 0; status == KERNEL_OK && i < shifts->count; i++) {
+        ShiftedPart met[DIFFERENCES_PARTS];
+        Shifted one = differences_asked(shifts, i);
+        int n = differences_in_parts(made, &one, met);
+        if (found + n > room) {
+            room = 2 * (found + n);
+            KernelDifferencePart *larger = realloc(items, (size_t)room * sizeof *items);
+            if (!larger) status = KERNEL_NO_MEMORY;
+            else items = larger;
+        }
+        for (int k = 0; status == KERNEL_OK && k < n; k++) {
+            const Shifted *of = &met[k].of;
+            items[found++] = (KernelDifferencePart){i, of->a_start_s, of->a_end_s, of->b_start_s, of->b_end_s, met[k].found};
+        }
+    }
+    differences_end(made);
+    if (status != KERNEL_OK) free(items);
+    else *parts = items, *count = found;
+    return status;
 }

@@ -17,6 +17,8 @@ int32_t kernel_abi(void) { return KERNEL_ABI; }
 
 const char *kernel_fingerprint(void) { return KERNEL_FINGERPRINT; }
 
+void kernel_free(void *list) { free(list); }
+
 static bool is_instant(int64_t us) { return us >= -KERNEL_LATEST_US && us <= KERNEL_LATEST_US; }
 
 KernelStatus border_check_plane(const KernelPlane *plane) {

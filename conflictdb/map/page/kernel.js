@@ -1,6 +1,6 @@
 // The kernel of detections as WebAssembly (kernel.wasm): structures as kernel.h has them, with pointers of 32 bits.
 
-const ABI = 24; // KERNEL_ABI that the structures below are of
+const ABI = 25; // KERNEL_ABI that the structures below are of
 const OK = 0;
 const DIFFERENCE_BYTES = 72; // KernelDifference
 const CONTACT_BYTES = 40; // KernelContact
@@ -162,7 +162,7 @@ export class Kernel {
           error: view.getFloat64(from + 24, true), verdict: view.getInt32(from + 32, true), touches: view.getInt32(from + 36, true) !== 0,
         };
       });
-      this.functions.kernel_contacts_free(at);
+      this.functions.kernel_free(at);
       return found;
     });
   }
