@@ -1,11 +1,11 @@
 """Read conflicts, closest approaches and runs, and whether they are complete."""
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from datetime import UTC, datetime, timedelta
 from struct import Struct
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import psycopg
 from psycopg.types.json import Jsonb
@@ -24,6 +24,8 @@ from conflictdb.model.results import (
     Verdict,
 )
 from conflictdb.store.connection import call, call_by_name, call_each_by_name, call_many, transaction
+
+_Record = TypeVar("_Record", Conflict, Approach, ConflictEvent)
 
 # How columns become fields. Lookup by name: calling an enum takes ten times as long, which matters in long lists.
 _KINDS: Final = {kind.value: kind for kind in Kind}
@@ -190,8 +192,7 @@ def each_conflict(
     span = which.start, which.end, which.since
     asked = which.at, with_region, among, which.key, *span, verdict, which.acknowledged, which.object_class
     with transaction(conn), closing(call_each_by_name(conn, "_conflicts", scene, *asked)) as rows:
-        for row in rows:
-            yield Conflict(scene=scene, **fields_of(row))
+        yield from _records(Conflict, scene, rows)
 
 
 def each_approach(
@@ -204,8 +205,7 @@ def each_approach(
     """
     among = None if keys is None else list(keys)
     with transaction(conn), closing(call_each_by_name(conn, "_approaches", scene, only_near, among)) as rows:
-        for row in rows:
-            yield Approach(scene=scene, **fields_of(row))
+        yield from _records(Approach, scene, rows)
 
 
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
@@ -218,7 +218,7 @@ def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) 
         known = names(conn, scene, (row[side] for row in rows for side in ("a_key", "b_key")))
     for row in rows:
         row |= {"a_name": known.get(row["a_key"]), "b_name": known.get(row["b_key"])}
-    return [Conflict(scene=scene, **fields_of(row)) for row in rows]
+    return list(_records(Conflict, scene, rows))
 
 
 def names(conn: psycopg.Connection[Any], scene: str, keys: Iterable[str]) -> dict[str, str]:
@@ -235,7 +235,7 @@ def conflict_events(
     """Return at most `most` events after number `after`, of a scene, object or pair; InvalidInput if unknown."""
     with transaction(conn):
         rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
-    return [ConflictEvent(scene=scene, **fields_of(row)) for row in rows]
+    return list(_records(ConflictEvent, scene, rows))
 
 
 def explain_conflict(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> dict[str, Any]:
@@ -255,6 +255,20 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
     """Return the last runs of a scene, newest first; InvalidInput if the scene does not exist."""
     with transaction(conn):
         return [RunStatus(**row) for row in call_by_name(conn, "_runs", scene, limit)]
+
+
+def _records(of: type[_Record], scene: str, rows: Iterable[dict[str, Any]]) -> Iterator[_Record]:
+    """Yield the rows of a scene as conflicts, approaches or events.
+
+    They are written through their slots: `__init__` of a frozen dataclass takes four times as long.
+    """
+    slots = {field.name: getattr(of, field.name).__set__ for field in fields(of)}
+    absent = {field.name: field.default for field in fields(of) if field.default is not MISSING}
+    for row in rows:
+        record = of.__new__(of)
+        for name, value in {**absent, "scene": scene, **fields_of(row)}.items():
+            slots[name](record, value)
+        yield record
 
 
 def fields_of(row: dict[str, Any]) -> dict[str, Any]:
