@@ -465,6 +465,7 @@ CREATE OR REPLACE FUNCTION tile_conflicts(z integer, x integer, y integer, query
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v record := _tile_params(z, x, y, query_params);
+    w record := _tile_measures(z, x, y, v.plane);
     v_tile bytea;
 BEGIN
     WITH place AS MATERIALIZED (
@@ -475,7 +476,10 @@ BEGIN
         SELECT DISTINCT ON (c.conflict_id) c.*
         FROM place p
         -- OFFSET 0 forces one index search per place, as in _tile_objects.
-        CROSS JOIN LATERAL (SELECT f.* FROM conflicts f
+        -- Only these columns: names, acknowledgements and others cost a lookup each.
+        CROSS JOIN LATERAL (SELECT f.conflict_id, f.a_key, f.a_kind, f.b_key, f.b_kind, f.verdict, f.is_current,
+                                   f.first_contact, f.last_contact, f.region, f.first_contact_point
+                            FROM conflicts f
                             WHERE f.scene = v.scene AND f.region && p.box AND f.periods && v.span OFFSET 0) c
         WHERE (v.verdicts IS NULL OR c.verdict = ANY (v.verdicts))
           AND (num_nonnulls(v.floor_m, v.ceiling_m) = 0 OR (
@@ -489,8 +493,16 @@ BEGIN
         SELECT s.conflict_id, s.a_key, s.a_kind, s.b_key, s.b_kind, s.verdict, s.is_current,
                extract(epoch FROM s.first_contact)::double precision AS start_s,
                extract(epoch FROM s.last_contact)::double precision AS end_s,
-               _tile_shape(s.region, z, x, y) AS region, _tile_shape(s.first_contact_point, z, x, y) AS point
+               CASE WHEN b.is_plain
+                    THEN coalesce(_tile_plain(s.region, b.box, w.bounds, w.unit_m, w.unit_deg),
+                                  _tile_shape(s.region, z, x, y))
+                    ELSE _tile_shape(s.region, z, x, y) END AS region,
+               CASE WHEN b.is_plain
+                    THEN ST_AsMVTGeom(ST_Transform(s.first_contact_point, 3857), w.bounds, 4096, 64, true)
+                    ELSE _tile_shape(s.first_contact_point, z, x, y) END AS point
         FROM shown s
+        CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain
+                            FROM (SELECT Box2D(s.region)::box3d AS box OFFSET 0) n OFFSET 0) b
     )
     SELECT coalesce((
                SELECT ST_AsMVT(f, 'conflicts', 4096, 'region', 'conflict_id')

@@ -1,19 +1,27 @@
 """Keep edits, limits and positions."""
 
+from alembic import op
+
 revision = "0009"
 down_revision = "0008"
 branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9a480350f3eda9c85fdd978186ce56e18ab40a532ca30556c7a3a5480e3cabad"
+routines_sha256 = "9754032a9e3ef8076bc3b7d6c0013e428b5dbc70e89149e6f6ce6ec126f63d78"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
 
 
+# A layer of a map program looks its rows up by number.
+CONFLICT_ID = """
+CREATE INDEX IF NOT EXISTS conflict_conflict_id_btree ON conflictdb.conflict (conflict_id) WHERE verdict <> 'near'
+"""
+
+
 def upgrade() -> None:
-    pass
+    op.execute(CONFLICT_ID)
 
 
 def downgrade() -> None:

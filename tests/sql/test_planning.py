@@ -277,6 +277,12 @@ def test_one_change_starts_no_parallel_workers(conn: Conn, plans: list[dict[str,
         assert [plan["query"] for plan in plans if plan["parallel"]] == []
 
 
+def test_a_conflict_of_a_layer_is_looked_up_by_its_number(conn: Conn) -> None:
+    conn.execute("SET LOCAL enable_seqscan = off")
+    query = "EXPLAIN SELECT * FROM conflictdb.map_conflicts WHERE conflict_id = 70"
+    assert "conflict_conflict_id_btree" in "\n".join(str(line) for (line,) in conn.execute(query.encode()))
+
+
 def test_one_change_reads_what_it_touches_by_plans_of_a_small_scene(conn: Conn, plans: list[dict[str, Any]]) -> None:
     """A worker's session keeps plans of few rows, which were analyzed, and nobody has analyzed what came since."""
     for table in ("area", "change", "conflict", "piece", "scene"):
