@@ -199,7 +199,7 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
     add("--max-speed-kn", "limit (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
     add("--max-gap", "positions (default 24)", type=hours, metavar="HOURS")
-    add("--max-file-mb", "limit (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
+    add("--max-file-mb", "limit (default 64; loaded in parts 4000)", type=megabytes, metavar="MB")
 
 
 def resolve_times(args: argparse.Namespace, *names: str) -> None:

@@ -188,6 +188,7 @@ class Database:
         max_speed_kn: float | None = None,
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
+        max_file_mb: float | None = None,
         hints: "FileHints | None" = None,
     ) -> StoredScene:
         """Load one file, all or nothing, and return its scene.
@@ -207,6 +208,9 @@ class Database:
             The layers to read of a file that OGR opens; by default all.
         skip_invalid : bool
             Skip refused objects and load the others, see `conflictdb.formats.read`.
+        max_file_mb : float, optional
+            Limit on the unpacked size of the file, in millions of bytes, see `conflictdb.formats.read`; by default
+            4,000 for scene files and GeoParquet, whose size memory does not depend on.
         hints : FileHints, optional
             Names of columns, time zone and havens that the file does not say.
 
@@ -229,6 +233,7 @@ class Database:
             max_speed_kn=max_speed_kn,
             layers=layers,
             skip_invalid=skip_invalid,
+            max_file_mb=max_file_mb,
             hints=hints,
         )[0]
         remarks = [(one.source, one.key, one.text) for one in loaded.remarks]
@@ -249,9 +254,9 @@ class Database:
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction. A
-        single GeoParquet file is read and sent in batches within that transaction, unless objects may be skipped:
-        memory does not grow with its size. `phase` is called with the name of each phase and the amounts done and to do
-        (0: unknown); the other options are those of `conflictdb.formats.read`.
+        single scene file or GeoParquet file is read and sent in batches within that transaction, unless objects may be
+        skipped or hints are given: memory does not grow with its size. `phase` is called with the name of each phase
+        and the amounts done and to do (0: unknown); the other options are those of `conflictdb.formats.read`.
         """
         from conflictdb.client import loading
         from conflictdb.formats.contents import unwatched

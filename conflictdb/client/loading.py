@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack
 
@@ -17,7 +17,8 @@ from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
-from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
+from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_parts
+from conflictdb.formats.scene_file import LateMembersError
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def load_files(
     **options : of `conflictdb.formats.read`
     """
     phase("reading", 0, 0)
-    if len(paths) == 1 and is_parquet(paths[0]) and not any(v for name, v in options.items() if name not in _OF_PARTS):
+    if len(paths) == 1 and has_parts(paths[0]) and not any(v for name, v in options.items() if name not in _OF_PARTS):
         limits = options.get("max_speed_kn"), options.get("max_file_mb")
         return [_loaded_by_parts(connection, paths[0], scene, replace, *limits, phase)]
     gathered = gather(paths, scene, phase=phase, settings_of=partial(_stored_settings, connection), **options)
@@ -148,17 +149,22 @@ def _loaded_by_parts(
     phase: Phase,
 ) -> Loaded:
     """Load a file in parts, to bound memory."""
-    read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
-    with for_scene(partial(_stored_settings, connection, scene_name(path, None, scene))), read() as parts:
-        name = scene_name(path, parts.settings, scene)
-        settings = _own_settings(
-            connection, name, None if parts.settings is None else dataclasses.replace(parts.settings, name=name)
-        )
-        if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
-            settings = _centred(settings, parts)
-            with read() as again:
-                return _stored_by_parts(connection, settings, again, str(path), replace, phase)
-        return _stored_by_parts(connection, settings, parts, str(path), replace, phase)
+    read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb, phase=phase)
+    read_for = cache(partial(_stored_settings, connection, scene_name(path, None, scene)))
+    while True:
+        try:
+            with for_scene(read_for), read() as parts:
+                name = scene_name(path, parts.settings, scene)
+                settings = _own_settings(
+                    connection, name, None if parts.settings is None else dataclasses.replace(parts.settings, name=name)
+                )
+                if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
+                    settings = _centred(settings, parts)
+                    with read() as again:
+                        return _stored_by_parts(connection, settings, again, str(path), replace, phase)
+                return _stored_by_parts(connection, settings, parts, str(path), replace, phase)
+        except LateMembersError as found:
+            read = partial(read, late=found.members)
 
 
 def _stored_by_parts(
@@ -169,8 +175,12 @@ def _stored_by_parts(
     replace: bool,
     phase: Phase,
 ) -> Loaded:
-    each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
-    counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace, phase=phase)
+    who = "file" if parts.settings is None else f"scene {settings.name!r}"
+    may_be_empty = replace and parts.settings is not None
+    each = _some_objects(_fitting(settings, parts), parts, who, source, may_be_empty=may_be_empty)
+    if is_parquet(source):
+        each = _counted(each, phase)
+    counts = store.replace_scene_by_parts(connection, settings, each, merge=not replace, phase=phase)
     replaced = _replaced(source, counts, parts.derived if parts.settings is None else ())
     return Loaded(settings.name, counts, tuple(parts.skipped), (*parts.remarks, *replaced))
 
@@ -245,7 +255,7 @@ def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[T
 
 
 def _some_objects(
-    each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, source: str, *, may_be_empty: bool
+    each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, who: str, source: str, *, may_be_empty: bool
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield the parts of a file; raises InvalidInput at the end of one without objects."""
     is_empty = True
@@ -253,7 +263,7 @@ def _some_objects(
         is_empty = is_empty and not (areas or tracks)
         yield areas, tracks
     if is_empty and (parts.skipped or not may_be_empty):
-        raise without_objects("file", source, parts.skipped, has_settings=parts.settings is not None)
+        raise without_objects(who, source, parts.skipped, has_settings=parts.settings is not None)
 
 
 def _require_objects(plan: Plan, replace: bool) -> None:

@@ -38,6 +38,11 @@ _XML: Final[tuple[tuple[Callable[[Element], bool], ReadXml, Standard], ...]] = (
 _NAMES: Final = ("RTZ and S-421 routes", "S-124 warnings", "AIXM 5.1 messages", "GPX")
 
 
+def is_known(document: Any) -> bool:
+    """Return whether a JSON document is of another program, by its first objects."""
+    return "scene" not in document and _of_exchange(_JSON, document) is not None
+
+
 def read_json(document: Any, source: str, *, stem: str, skip_invalid: bool) -> Contents | None:
     """Return the contents of a JSON document of another program, None for a scene file or an unknown one."""
     if isinstance(document, dict) and "scene" in document:

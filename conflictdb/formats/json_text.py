@@ -5,8 +5,8 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from collections.abc import Sequence
+from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 
@@ -16,37 +16,40 @@ _LONGEST_NAME: Final = 100  # characters of a member's name in a message
 # characters, and Unicode's line separators.
 _OBEYED: Final = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
-Watch: TypeAlias = Callable[[int], object]
-_SPACE: Final = re.compile(r"[ \t\n\r]*")
-_EACH: Final = 1000  # features from one report of progress to the next
+SPACE: Final = re.compile(r"[ \t\n\r]*")
 
 
-def parse(text: str, watch: Watch | None = None) -> Any:
+def parse(text: str) -> Any:
     """Return the value of a JSON text.
-
-    watch : called with the number of characters read so far, now and then in a long list of features
 
     NaN and Infinity become floats, so that later errors can name the object and field: `check_storable` and the number
     checks of `fields` refuse them. Raises InvalidInput for invalid JSON.
     """
     try:
-        return _by_features(text, watch)
-    except InvalidInput:
-        raise
-    except (ValueError, IndexError, RecursionError):
-        pass  # another kind of text, or invalid: the following names the place
-    try:
-        return json.loads(text, object_pairs_hook=_unique)
+        return json.loads(text, object_pairs_hook=unique)
     except json.JSONDecodeError as error:
-        place = f"line {error.lineno}, column {error.colno}"
-        end = "the file ends too early: " if error.pos >= len(text.rstrip()) else ""
-        raise InvalidInput("JSON", place, f"{end}{error.msg[0].lower()}{error.msg[1:]}") from None
-    except InvalidInput:
-        raise
-    except RecursionError:
-        raise InvalidInput("JSON", "", "is nested too deeply") from None
-    except ValueError:  # more digits than Python converts
-        raise InvalidInput("JSON", "", "holds a whole number of thousands of digits, out of range") from None
+        raise refused(error, (error.lineno, error.colno), is_at_end=error.pos >= len(text.rstrip())) from None
+    except (RecursionError, ValueError) as error:
+        raise refused(error) from None
+
+
+def refused(
+    error: RecursionError | ValueError, place: tuple[int, int] = (0, 0), *, is_at_end: bool = False
+) -> InvalidInput:
+    """Return the refusal of an invalid JSON text; an InvalidInput is returned itself.
+
+    error : of Python's parser
+    place : line and column, counted from 1; is_at_end : whether that is where the text ends
+    """
+    if isinstance(error, InvalidInput):
+        return error
+    if isinstance(error, json.JSONDecodeError):
+        end = "the file ends too early: " if is_at_end else ""
+        return InvalidInput("JSON", "line {}, column {}".format(*place), f"{end}{error.msg[0].lower()}{error.msg[1:]}")
+    if isinstance(error, RecursionError):
+        return InvalidInput("JSON", "", "is nested too deeply")
+    # More digits than Python converts.
+    return InvalidInput("JSON", "", "holds a whole number of thousands of digits, out of range")
 
 
 def dumped(value: Any, indent: int | None = None) -> str:
@@ -95,53 +98,16 @@ def check_text(who: str, where: str, text: str) -> None:
             raise InvalidInput(who, where, "contains half of a surrogate pair, which is no character") from None
 
 
-def _by_features(text: str, watch: Watch | None) -> dict[str, Any]:
-    """Return a JSON object, each of whose `features` is parsed by a call of its own; raises for all other texts."""
-    decode = json.JSONDecoder(object_pairs_hook=_unique).raw_decode
-    members: list[tuple[str, Any]] = []
-    at = _after(text, _after(text, 0, ""), "{")
-    while not members or text[at] == ",":
-        at = _after(text, at, "," if members else "")
-        name, at = decode(text, at)
-        at = _after(text, _after(text, at, ""), ":")
-        if name == "features" and text[at] == "[":
-            value, at = _elements(text, at, decode, watch)
-        else:
-            value, at = decode(text, at)
-        members.append((name, value))
-        at = _after(text, at, "")
-    document = _unique(members)
-    if _after(text, at, "}") < len(text) or not all(isinstance(name, str) for name in document):
-        raise ValueError
-    return document
+def once(names: Sequence[str]) -> None:
+    """Raise InvalidInput for a member that occurs twice in one object."""
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise InvalidInput("JSON", twice[:_LONGEST_NAME], "appears twice in one object")
 
 
-def _elements(
-    text: str, at: int, decode: Callable[[str, int], tuple[Any, int]], watch: Watch | None
-) -> tuple[list[Any], int]:
-    """Return the elements of a list that begins at a place, not empty, and the place after it."""
-    elements: list[Any] = []
-    at = _after(text, at, "[")
-    while not elements or text[at] == ",":
-        element, at = decode(text, _after(text, at, "," if elements else ""))
-        elements.append(element)
-        at = _after(text, at, "")
-        if watch is not None and len(elements) % _EACH == 0:
-            watch(at)
-    return elements, _after(text, at, "]")
-
-
-def _after(text: str, at: int, letter: str) -> int:
-    """Return the place after a letter (or none) and the space behind it; raises ValueError for another letter."""
-    space = _SPACE.match(text, at + len(letter))
-    if space is None or not text.startswith(letter, at):
-        raise ValueError
-    return space.end()
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the members of a JSON object, none of which may occur twice."""
     members = dict(pairs)
     if len(members) < len(pairs):
-        twice = next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
-        raise InvalidInput("JSON", twice[:_LONGEST_NAME], "appears twice in one object")
+        once([name for name, _ in pairs])
     return members

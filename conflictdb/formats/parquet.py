@@ -72,8 +72,6 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 
 # Limit on a file in Arrow format; as objects it takes five times that memory, JSON thirty times.
 MAX_PARQUET_MB: Final = 400.0
-# Limit on a file that is read in parts and not kept in memory.
-MAX_PARTS_MB: Final = 4_000.0
 _INDEX: Final = "__index_level_0__"  # of pandas
 _UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
 

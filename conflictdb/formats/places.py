@@ -93,13 +93,25 @@ def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np
     return np.asarray(geodesy.MEAN_RADIUS_M * np.arctan2(across, (at * middle).sum(axis=1)))
 
 
-def long_legs(source: str, tracks: Sequence[Track]) -> Iterator[Remark]:
-    """Yield a remark if legs of tracks last longer than any voyage between two waypoints: a date is probably wrong."""
-    longest_us = [int(np.diff(track.times_us).max()) for track in tracks]
-    late = [(us, track.key) for us, track in zip(longest_us, tracks, strict=True) if us > _LONGEST_LEG_US]
-    if late:
-        us, key = max(late)
-        of = f"{len(late):,} track{' has' if len(late) == 1 else 's have'} legs of more than {_LONGEST_LEG_DAYS} days"
-        yield Remark(
-            source, "file", f"{of}; the longest, of {lasts(us / 1e6)}, is that of {key!r:.60}: is a date wrong?"
-        )
+class LongLegs:
+    """Legs that last longer than any voyage between two waypoints: a date is probably wrong."""
+
+    def __init__(self) -> None:
+        self._count, self._longest = 0, (0, "")
+
+    def add(self, tracks: Sequence[Track]) -> None:
+        """Check some tracks."""
+        longest_us = [int(np.diff(track.times_us).max()) for track in tracks]
+        late = [(us, track.key) for us, track in zip(longest_us, tracks, strict=True) if us > _LONGEST_LEG_US]
+        self._count += len(late)
+        self._longest = max([self._longest, *late])
+
+    def remarks(self, source: str) -> Iterator[Remark]:
+        """Yield a remark if there are any."""
+        us, key = self._longest
+        if key:
+            has = "track has" if self._count == 1 else "tracks have"
+            of = f"{self._count:,} {has} legs of more than {_LONGEST_LEG_DAYS} days"
+            yield Remark(
+                source, "file", f"{of}; the longest, of {lasts(us / 1e6)}, is that of {key!r:.60}: is a date wrong?"
+            )

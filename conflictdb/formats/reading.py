@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final, TypedDict
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.rings import HalfTurns
-from conflictdb.formats.scene_file import read_scene
+from conflictdb.formats.scene_file import read_scene, scene_parts, without_collector
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import UnreadProperties
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
@@ -55,6 +55,9 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 # Limit on a file's unpacked size: JSON takes up to thirty times that memory. Some 150,000 simple objects fit, and a
 # scene may have many files.
 MAX_FILE_MB: Final = 64.0
+# That of a file that is read in parts and not kept in memory.
+MAX_PARTS_MB: Final = 4_000.0
+_CHUNK_BYTES: Final = 1_000_000
 
 # What columns may be mapped to.
 _FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
@@ -145,19 +148,44 @@ def _give_havens(contents: Contents, outline_m: NDArray[np.float64]) -> None:
 
 @contextmanager
 def read_parts(
-    path: str | Path, *, max_speed_kn: float | None = None, max_file_mb: float | None = None
+    path: str | Path,
+    *,
+    max_speed_kn: float | None = None,
+    max_file_mb: float | None = None,
+    late: Mapping[str, Any] | None = None,
+    phase: Phase = unwatched,
 ) -> Iterator[Parts]:
-    """Yield the result of `read` for a GeoParquet file in parts, to bound memory.
+    """Yield the result of `read` for a scene file or a GeoParquet file in parts, to bound memory.
 
-    The caller raises the refusals, if any, after the last part. `max_file_mb` is 4,000 by default.
+    The caller raises the refusals, if any, after the last part. `max_file_mb` is 4,000 by default. Reading the parts
+    raises a LateMembersError if the file is to be read again, with its members as `late`.
     """
     path = Path(path)
     with _named(path):
+        summary = Summary()
+        if _suffix(path) in _JSON:
+            most_mb = MAX_PARTS_MB if max_file_mb is None else max_file_mb
+            file = _File(path, path.suffix.lower() == ".gz", max_speed_kn, (), False, most_mb, phase)
+            kept_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+            parts = scene_parts(
+                file.chunks,
+                stem(path),
+                file.fastest_kn,
+                summary,
+                source=str(path),
+                phase=phase,
+                size_mb=file.size_mb,
+                most=kept_mb * 1e6,
+                late=late,
+            )
+            parts.each = _summed_up(parts.each, parts, summary, str(path))
+            with without_collector():
+                yield parts
+            return
         from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
-        from conflictdb.formats.parquet import MAX_PARQUET_MB, MAX_PARTS_MB, parquet_parts  # needs pyarrow
+        from conflictdb.formats.parquet import MAX_PARQUET_MB, parquet_parts  # needs pyarrow
 
         most = (MAX_PARTS_MB, MAX_PARQUET_MB) if max_file_mb is None else (max_file_mb, max_file_mb)
-        summary = Summary()
         with parquet_parts(path, stem(path), most, max_speed_kn, summary.first) as parts:
             parts.each = _summed_up(parts.each, parts, summary, str(path))
             yield parts
@@ -167,12 +195,13 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    unread, owners, turns = UnreadProperties(), Owners(), HalfTurns()
+    unread, owners, turns, legs = UnreadProperties(), Owners(), HalfTurns(), places.LongLegs()
     for areas, tracks in each:
         summary.add(areas, tracks)
         unread.add([*areas, *tracks])
         turns.add(areas)
         owners.add([*areas, *tracks])
+        legs.add(tracks)
         yield areas, tracks
     parts.refusals.extend(summary.twice())
     parts.remarks += [
@@ -181,6 +210,7 @@ def _summed_up(
         *owners.remarks(source),
         *turns.remarks(source),
         *summary.remarks(source),
+        *(legs.remarks(source) if parts.settings is None else ()),
     ]
 
 
@@ -198,7 +228,9 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     yield from turns.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
     if contents.scene is None:
-        yield from places.long_legs(source, contents.tracks)
+        legs = places.LongLegs()
+        legs.add(contents.tracks)
+        yield from legs.remarks(source)
 
 
 def _empty(source: str) -> Remark:
@@ -241,24 +273,82 @@ class _File:
         """
         if self.layers and not may_have_layers:
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
-        return _text(self.path, self.is_packed, self.max_file_mb, is_latin_1)
+        data = b"".join(self._data())
+        try:
+            return data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            if is_latin_1(text := data.decode("latin-1")):
+                return text
+            raise _no_utf_8(error.start) from None
+
+    def chunks(self) -> Iterator[str]:
+        """Yield its text in parts, to bound memory; raises InvalidInput, also for layers."""
+        if self.layers:
+            raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
+        decoder, fed = codecs.getincrementaldecoder("utf-8")(), 0
+        for data in self._data():
+            waiting = len(decoder.getstate()[0])
+            given = data if fed else data.removeprefix(codecs.BOM_UTF8)
+            try:
+                text = decoder.decode(given)
+            except UnicodeDecodeError as error:
+                raise _no_utf_8(fed - waiting + error.start) from None
+            fed += len(given)
+            if text:
+                yield text
+        try:
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            raise _no_utf_8(fed - len(decoder.getstate()[0])) from None
+
+    def _data(self) -> Iterator[bytes]:
+        """Yield its bytes, unpacked, in parts; raises InvalidInput."""
+        most_mb = MAX_FILE_MB if self.max_file_mb is None else self.max_file_mb
+        left = int(most_mb * 1e6) + 1
+        is_first = True
+        try:
+            # Never unpack more than the limit: a small archive can contain gigabytes, and a device has no end.
+            with gzip.open(self.path) if self.is_packed else self.path.open("rb") as stream:
+                while data := stream.read(min(left, _CHUNK_BYTES)):
+                    left -= len(data)
+                    if not left:
+                        raise InvalidInput("file", "", f"holds more than {most_mb:g} MB{TOO_LARGE}")
+                    if is_first and data.startswith(_UTF_16):
+                        raise InvalidInput("file", "byte 0", "must be UTF-8 text; this is UTF-16, or UTF-32")
+                    is_first = False
+                    yield data
+        except FileNotFoundError:
+            raise InvalidInput("file", "", "does not exist") from None
+        except (OSError, EOFError, zlib.error) as error:
+            raise InvalidInput("file", "", f"cannot be read: {error}") from error
+
+    @property
+    def size_mb(self) -> int:
+        """Its size in millions of bytes, for reports of progress; 0: unknown."""
+        return 0 if self.is_packed or not self.path.is_file() else self.path.stat().st_size // 1_000_000
 
 
 def _read(file: _File) -> Contents:
-    suffixes = [suffix.lower() for suffix in file.path.suffixes]
-    suffix = suffixes[-2 if file.is_packed else -1] if len(suffixes) > file.is_packed else ""
     with _named(file.path):
-        return _READERS.get(suffix, _read_ogr)(file)
+        return _READERS.get(_suffix(file.path), _read_ogr)(file)
+
+
+def _suffix(path: Path) -> str:
+    """Return the ending of a file that names its format."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_packed = suffixes[-1:] == [".gz"]
+    return suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
 
 
 def _read_json(file: _File) -> Contents:
     return read_scene(
-        file.text(),
+        file.chunks,
         stem(file.path),
         file.fastest_kn,
         source=str(file.path),
         skip_invalid=file.skip_invalid,
         phase=file.phase,
+        size_mb=file.size_mb,
     )
 
 
@@ -341,6 +431,11 @@ def is_parquet(path: str | Path) -> bool:
     return Path(path).suffix.lower() in PARQUET
 
 
+def has_parts(path: str | Path) -> bool:
+    """Return whether `read_parts` reads a file, by its name."""
+    return is_parquet(path) or _suffix(Path(path)) in _JSON
+
+
 def stem(path: Path) -> str:
     """Return the name of a file without the suffixes of its format."""
     name = path.name
@@ -350,24 +445,5 @@ def stem(path: Path) -> str:
     return name if name != path.name else path.stem
 
 
-def _text(path: Path, is_packed: bool, max_file_mb: float | None, is_latin_1: Callable[[str], bool]) -> str:
-    most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
-    limit = int(most_mb * 1e6)
-    try:
-        # Never unpack more than the limit: a small archive can contain gigabytes, and a device has no end.
-        with gzip.open(path) if is_packed else path.open("rb") as stream:
-            data = stream.read(limit + 1)
-    except FileNotFoundError:
-        raise InvalidInput("file", "", "does not exist") from None
-    except (OSError, EOFError, zlib.error) as error:
-        raise InvalidInput("file", "", f"cannot be read: {error}") from error
-    if len(data) > limit:
-        raise InvalidInput("file", "", f"holds more than {most_mb:g} MB{TOO_LARGE}")
-    if data.startswith(_UTF_16):
-        raise InvalidInput("file", "byte 0", "must be UTF-8 text; this is UTF-16, or UTF-32")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if is_latin_1(text := data.decode("latin-1")):
-            return text
-        raise InvalidInput("file", f"byte {error.start}", "must be UTF-8 text") from None
+def _no_utf_8(byte: int) -> InvalidInput:
+    return InvalidInput("file", f"byte {byte}", "must be UTF-8 text")

@@ -6,23 +6,38 @@ OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometr
 import gc
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, Final
+from functools import partial
+from itertools import chain
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import dialects, file_objects, moving_features, names, plain_features, reference
-from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, row_id, unwatched
+from conflictdb.formats.contents import (
+    Contents,
+    FileRefusals,
+    Parts,
+    Phase,
+    Remark,
+    given_twice,
+    left_out,
+    name_of,
+    row_id,
+    unwatched,
+)
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import CUT_TRACK_TYPE, TRACK_TYPE, geometry_type, has_altitudes
 from conflictdb.formats.hints import renamed
+from conflictdb.formats.json_stream import NoObjectError, joined, members
 from conflictdb.formats.json_text import dumped, parse
 from conflictdb.formats.rings import LongSides
 from conflictdb.formats.standards import altitudes
+from conflictdb.formats.summary import Summary
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.rules import Rule, check_count, members_of, rule_of
@@ -36,24 +51,43 @@ _OF_FEATURE: Final = dict.fromkeys(
     "belongs into the properties of a feature",
 )
 # Features that are read at once.
-_AT_ONCE: Final = 1_000
+_AT_ONCE: Final = 2_000
+_MEMBERS: Final = ("scene", "features", "crs", "trs", "foreign", "version")
+# Members that decide how features are read.
+_DECIDING: Final = frozenset({"scene", "crs", "foreign"})
 _FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", "trs")
 
 
+# Opens the text of a file, in parts; may be called again.
+Chunks: TypeAlias = Callable[[], Iterator[str]]
+
+
+class LateMembersError(Exception):
+    """A file has members that decide how its features are read after these: it is to be read again.
+
+    members : all of the file but its features
+    """
+
+    def __init__(self, members: Mapping[str, Any]) -> None:
+        super().__init__()
+        self.members = members
+
+
 def read_scene(
-    text: str,
+    text: str | Chunks,
     stem: str,
     max_speed_kn: float = math.inf,
     *,
     source: str = "",
     skip_invalid: bool = False,
     phase: Phase = unwatched,
+    size_mb: int = 0,
 ) -> Contents:
     """Return the contents of a scene file or an OGC Moving Features JSON file.
 
     Parameters
     ----------
-    text : str
+    text : str, or a function that returns its parts
         The whole file.
     stem : str
         Name of the scene if the member `scene` has none.
@@ -65,14 +99,18 @@ def read_scene(
         Leave out refused objects; other errors still refuse the file.
     phase : callable, optional
         Called with the name of each phase and the amounts done and to do.
+    size_mb : int
+        Millions of characters of the text, for `phase`; 0: unknown.
 
     Raises
     ------
     InvalidInput
         Names every object, field and broken rule, without the file.
     """
-    with _without_collector():
-        return _read(text, stem, max_speed_kn, source, phase, skip_invalid=skip_invalid)
+    chunks = (lambda: iter([text])) if isinstance(text, str) else text
+    opened = partial(_opened, chunks, _Told(stem, max_speed_kn, source, phase, size_mb), skip_invalid=skip_invalid)
+    with without_collector():
+        return _contents(opened, skip_invalid=skip_invalid)
 
 
 def read_plans(text: str, scene: Scene, max_speed_kn: float = math.inf) -> list[Area | Track]:
@@ -80,13 +118,65 @@ def read_plans(text: str, scene: Scene, max_speed_kn: float = math.inf) -> list[
 
     scene : that they are for
     """
-    with _without_collector():
-        found = _read(text, scene.name, max_speed_kn, "", unwatched, skip_invalid=False, settings=scene)
+    opened = partial(_opened, lambda: iter([text]), _Told(scene.name, max_speed_kn, settings=scene))
+    with without_collector():
+        found = _contents(opened, skip_invalid=False)
     return [*found.areas, *found.tracks]
 
 
+def scene_parts(
+    chunks: Chunks,
+    stem: str,
+    max_speed_kn: float,
+    summary: Summary,
+    *,
+    source: str,
+    phase: Phase,
+    size_mb: int,
+    most: float,
+    late: Mapping[str, Any] | None,
+) -> Parts:
+    """Return the result of `read_scene` in parts, to bound memory; a file of another program is one part.
+
+    summary : of the objects that are read
+    most : characters that may be kept: of members but the features, of a feature, and of a file of another program
+    late : of a LateMembersError of the same file
+
+    Reading the parts raises a LateMembersError if the file is to be read again.
+    """
+    summary.apart = _features_apart
+    reading = _opened(chunks, _Told(stem, max_speed_kn, source, phase, size_mb, most), late)
+    if isinstance(reading, Contents):
+        parts = Parts(reading.scene, iter([(reading.areas, reading.tracks)]))
+        parts.skipped += reading.skipped
+        parts.remarks += reading.remarks
+        parts.derived += reading.derived
+        return parts
+    parts = Parts(reading.scene, iter(()), derived=reading.derived)
+    parts.each = _each_part(reading, parts, summary)
+    return parts
+
+
+def _each_part(reading: "_Features", parts: Parts, summary: Summary) -> Iterator[tuple[list[Area], list[Track]]]:
+    slow, twice = FileRefusals(), FileRefusals()
+    for some in reading.items():
+        unique: dict[int, Area | Track | TrackAtSpeed] = {}
+        for i, item in some.items():
+            first = summary.first(item.key, i)
+            if first == i:
+                unique[i] = item
+            else:
+                twice.extend([given_twice(name_of(item), _features_apart(first, i))])
+        found = timed(list(unique.values()), reading.setting.scene, reading.told.max_speed_kn, slow)
+        parts.refusals.found[:] = [*reading.refused(), *twice.found, *slow.found]
+        del parts.derived[1:]
+        yield found
+    parts.refusals.found[:] = [*reading.refused(), *twice.found, *slow.found]
+    parts.remarks += reading.remarks()
+
+
 @contextmanager
-def _without_collector() -> Iterator[None]:
+def without_collector() -> Iterator[None]:
     """Switch off Python's garbage collector: it would visit millions of numbers again and again, and free none."""
     was_on = gc.isenabled()
     gc.disable()
@@ -97,91 +187,200 @@ def _without_collector() -> Iterator[None]:
             gc.enable()
 
 
-def _read(
-    text: str,
-    stem: str,
-    max_speed_kn: float,
-    source: str,
-    phase: Phase,
-    *,
-    skip_invalid: bool,
-    settings: Scene | None = None,
-) -> Contents:
-    """Return the contents of a file; settings : of its objects if it has none."""
-    size_mb = len(text) // 1_000_000
-    document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
-    # Requests carry properties of any source, which would name its format.
-    if settings is None:
-        contents = dialects.read_json(document, source, stem=stem, skip_invalid=skip_invalid)
+class _Told(NamedTuple):
+    """What is said about a file to read.
+
+    most : characters of its members but the features, of one of these, and of a file of another program
+    settings : of its objects if it has none
+    """
+
+    stem: str
+    max_speed_kn: float
+    source: str = ""
+    phase: Phase = unwatched
+    size_mb: int = 0
+    most: float = math.inf
+    settings: Scene | None = None
+
+
+def _opened(
+    chunks: Chunks, told: _Told, late: Mapping[str, Any] | None = None, *, skip_invalid: bool = False
+) -> "_Features | Contents":
+    """Return a file whose features are read in parts, or the contents of a file of another program."""
+    document: dict[str, Any] = {}
+    events = members(chunks(), _AT_ONCE, told.most, lambda at: told.phase("reading MB", at // 1_000_000, told.size_mb))
+    try:
+        for name, value, is_part in events:
+            document[name] = value
+            if is_part:
+                # Requests carry properties of any source, which would name its format.
+                if told.settings is None and dialects.is_known({**(late or {}), **document}):
+                    raise NoObjectError
+                if "type" in document:
+                    _require_collection(document)
+                features = chain([document.pop("features")], _parts_of(document, events))
+                return _Features(dict(document) if late is None else late, features, told, document)
+        whole: Any = document
+    except NoObjectError:
+        whole = parse(joined(chunks(), told.most))
+    if told.settings is None:
+        contents = dialects.read_json(whole, told.source, stem=told.stem, skip_invalid=skip_invalid)
         if contents is not None:
             return contents
-    if not isinstance(document, dict):
+    if not isinstance(whole, dict):
         raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
-    if document.get("type") == "Feature" or moving_features.is_bare(document):
-        document = {"type": "FeatureCollection", "features": [moving_features.as_feature(document, stem)]}
+    if whole.get("type") == "Feature" or moving_features.is_bare(whole):
+        whole = {"type": "FeatureCollection", "features": [moving_features.as_feature(whole, told.stem)]}
+    _require_collection(whole)
+    listed = whole.pop("features", None)
+    return _Features(whole, iter([listed] if isinstance(listed, list) else []), told, whole, listed)
+
+
+def _parts_of(document: dict[str, Any], events: Iterator[tuple[str, Any, bool]]) -> Iterator[list[Any]]:
+    """Yield the rest of the features of a file, then add its other members to `document`."""
+    for name, value, is_part in events:
+        if is_part:
+            yield value
+        else:
+            document[name] = value
+
+
+def _require_collection(document: Mapping[str, Any]) -> None:
     if document.get("type") != "FeatureCollection":
         got = document.get("type")
         raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
-    refusals = FileRefusals()
-    to_degrees: reference.ToDegrees = None
-    systems: reference.Systems = {}
-    with refusals:
-        to_degrees = reference.of_member("file", document, None, systems)
-    with refusals:
-        moving_features.check_trs("file", document)
-    foreign: Collection[str] = ()
-    with refusals:
-        foreign = _foreign(document.get("foreign"))
-    known = ("scene", "features", "crs", "trs", "foreign", "version")
-    refusals.extend(names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign))
-    scene = None
-    with refusals:
-        scene = scene_of(document["scene"], stem) if "scene" in document else None
-    features = document.get("features")
-    if not isinstance(features, list):
-        with refusals:
-            raise InvalidInput("file", "features", "must be a list of features")
-        refusals.raise_found()
-        raise AssertionError
-    is_foreign = scene is None and settings is None
-    setting = file_objects.FileContext.of_settings(
-        scene or settings,
-        stem,
-        foreign,
-        to_degrees,
-        systems=systems,
-        row_ids=stem if is_foreign else "",
-        long_sides=LongSides() if is_foreign else None,
-    )
-    of_objects = FileRefusals()
-    items: dict[int, Area | Track | TrackAtSpeed] = {}
-    derived: list[str] = []
-    high, moving = 0, Counter[str]()
-    for first in range(0, len(features), _AT_ONCE):
-        some = features[first : first + _AT_ONCE]
-        high += sum(map(_is_high, some))
-        for feature in some:
-            if isinstance(feature, dict) and "temporalGeometry" in feature:
-                others = {name: value for name, value in feature.items() if name not in ("properties", "foreign")}
-                moving.update(moving_features.STANDARD.of_json(others))
-        features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
-        for i, (feature, plain) in enumerate(zip(some, plain_features.objects(some, setting), strict=True), first):
-            if plain is not None:
-                items[i] = plain
-                continue
-            with of_objects:
-                items[i] = _object(i, feature, setting, derived)
-        phase("checking objects", first + len(some), len(features))
+
+
+class _Features:
+    """The features of a file and what decides how they are read; its errors are collected until `refused`.
+
+    known : members of the file but its features, as far as they are known
+    features : lists of features
+    document : members of the file; those after the features are there once these were read
+    listed : its features, if they are no list
+    """
+
+    def __init__(
+        self,
+        known: Mapping[str, Any],
+        features: Iterator[list[Any]],
+        told: _Told,
+        document: Mapping[str, Any],
+        listed: Any = (),
+    ) -> None:
+        self.told = told
+        self._known, self._features, self._document, self._listed = known, features, document, listed
+        self._of_file, self._of_members, self._of_scene = FileRefusals(), FileRefusals(), FileRefusals()
+        self.of_objects = FileRefusals()
+        self.derived: list[str] = []
+        self._high, self._moving = 0, Counter[str]()
+        systems: reference.Systems = {}
+        to_degrees: reference.ToDegrees = None
+        with self._of_file:
+            to_degrees = reference.of_member("file", known, None, systems)
+        foreign: Collection[str] = ()
+        with self._of_file:
+            foreign = _foreign(known.get("foreign"))
+        self.scene: Scene | None = None
+        with self._of_scene:
+            self.scene = scene_of(known["scene"], told.stem) if "scene" in known else None
+        is_foreign = self.scene is None and told.settings is None
+        self.setting = file_objects.FileContext.of_settings(
+            self.scene or told.settings,
+            told.stem,
+            foreign,
+            to_degrees,
+            systems=systems,
+            row_ids=told.stem if is_foreign else "",
+            long_sides=LongSides() if is_foreign else None,
+        )
+
+    def items(self) -> Iterator[dict[int, Area | Track | TrackAtSpeed]]:
+        """Yield the objects of each list of features, by their places in the file.
+
+        Raises LateMembersError, after the last list, if the file is to be read again.
+        """
+        first = 0
+        for some in self._features:
+            items: dict[int, Area | Track | TrackAtSpeed] = {}
+            self._high += sum(map(_is_high, some))
+            for feature in some:
+                if isinstance(feature, dict) and "temporalGeometry" in feature:
+                    others = {name: value for name, value in feature.items() if name not in ("properties", "foreign")}
+                    self._moving.update(moving_features.STANDARD.of_json(others))
+            for i, plain in enumerate(plain_features.objects(some, self.setting)):
+                feature, some[i] = some[i], None  # frees each when it is an object
+                if plain is not None:
+                    items[first + i] = plain
+                    continue
+                with self.of_objects:
+                    items[first + i] = _object(first + i, feature, self.setting, self.derived)
+            first += len(some)
+            yield items
+        self._end()
+
+    def _end(self) -> None:
+        """Check what is known at the end of the file only."""
+        document = self._document
+        late = document.keys() - self._known.keys()
+        if late & _DECIDING or (late and self.told.settings is None and dialects.is_known(document)):
+            raise LateMembersError(document)
+        _require_collection(document)
+        foreign, values = self.setting.foreign, {"features": self._listed, **document}
+        with self._of_file:
+            moving_features.check_trs("file", document)
+        self._of_members.extend(names.misnamed("file", values, _MEMBERS, _OF_SCENE | _OF_FEATURE, foreign))
+        if not isinstance(self._listed, list | tuple):
+            with self._of_scene:
+                raise InvalidInput("file", "features", "must be a list of features")
+
+    def refused(self) -> list[InvalidInput]:
+        """Return the errors so far: of the file, then of its objects."""
+        return [*self.of_the_file(), *self.of_objects.found]
+
+    def of_the_file(self) -> list[InvalidInput]:
+        """Return the errors so far of the file as a whole."""
+        return [*self._of_file.found, *self._of_members.found, *self._of_scene.found]
+
+    def remarks(self) -> Iterator[Remark]:
+        """Yield remarks on what was read."""
+        source = self.told.source
+        if self.setting.long_sides is not None:
+            yield from self.setting.long_sides.remarks(source)
+        yield from altitudes(source, self._high)
+        yield from moving_features.STANDARD.remarks(source, self._moving)
+
+
+def _contents(opened: "Callable[..., _Features | Contents]", *, skip_invalid: bool) -> Contents:
+    """Return the contents of a file."""
+    late: Mapping[str, Any] | None = None
+    while True:
+        reading = opened(late)
+        if isinstance(reading, Contents):
+            return reading
+        items: dict[int, Area | Track | TrackAtSpeed] = {}
+        try:
+            for some in reading.items():
+                items |= some
+        except LateMembersError as found:
+            late = found.members
+        else:
+            break
+    told, of_objects = reading.told, reading.of_objects
     _leave_unique(items, of_objects)
-    areas, tracks = timed(list(items.values()), setting.scene, max_speed_kn, of_objects)
-    if not skip_invalid:
-        refusals.found += of_objects.found
+    areas, tracks = timed(list(items.values()), reading.setting.scene, told.max_speed_kn, of_objects)
+    refusals = FileRefusals()
+    refusals.found = reading.of_the_file() if skip_invalid else reading.refused()
     refusals.raise_found()
-    contents = Contents(scene, areas, tracks, left_out(source, of_objects))
-    contents.derived = derived
-    contents.remarks = [] if setting.long_sides is None else list(setting.long_sides.remarks(source))
-    contents.remarks = [*contents.remarks, *altitudes(source, high), *moving_features.STANDARD.remarks(source, moving)]
+    contents = Contents(reading.scene, areas, tracks, left_out(told.source, of_objects))
+    contents.derived = reading.derived
+    contents.remarks = list(reading.remarks())
     return contents
+
+
+def _features_apart(first: int, i: int) -> str:
+    """Return the places of two features that have the same id."""
+    return f"features[{first}] and features[{i}]"
 
 
 def _is_high(feature: Any) -> bool:
@@ -207,7 +406,7 @@ def _leave_unique(items: dict[int, Area | Track | TrackAtSpeed], refusals: Refus
         if first != i:
             del items[i]
             with refusals:
-                raise given_twice(name_of(item), f"features[{first}] and features[{i}]")
+                raise given_twice(name_of(item), _features_apart(first, i))
 
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:

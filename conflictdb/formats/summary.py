@@ -4,7 +4,7 @@ After the last part this suffices to find duplicate keys, and objects that lie f
 """
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -20,8 +20,12 @@ _UTF_8: Final = "utf-8", "surrogatepass"
 
 @dataclass(slots=True)
 class Summary:
-    """For n objects, in file order: concatenated names, hashes of keys, rows and extents."""
+    """For n objects, in file order: concatenated names, hashes of keys, rows and extents.
 
+    apart : returns the places of two rows as text
+    """
+
+    apart: Callable[[int, int], str] = rows_apart
     _of_part: dict[str, int] = field(default_factory=dict)
     _names: bytearray = field(default_factory=bytearray)
     _ends: "array[int]" = field(default_factory=lambda: array("q"))
@@ -61,7 +65,7 @@ class Summary:
             name = self.name(i)
             row = first.setdefault(name.partition(" ")[2], self._rows[i])
             if row != self._rows[i]:
-                yield given_twice(name, rows_apart(row, self._rows[i]))
+                yield given_twice(name, self.apart(row, self._rows[i]))
 
     def remarks(self, source: str) -> Iterator[Remark]:
         """Yield a remark on each object that lies far from all others."""

@@ -655,7 +655,10 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     phases: list[tuple[str, int, int]] = []
     with conflictdb.connect(dsn) as db:
         db.load_files([STRAIT], phase=lambda *phase: phases.append(phase))
-        names = ["reading", "checking objects", "checking places", "sending objects", "storing objects"]
+        assert list(dict.fromkeys(phase[0] for phase in phases)) == ["reading", "reading MB", "storing objects"]
+        phases.clear()
+        db.load_files([STRAIT], skip_invalid=True, phase=lambda *phase: phases.append(phase))
+        names = ["reading", "reading MB", "checking places", "sending objects", "storing objects"]
         assert list(dict.fromkeys(phase[0] for phase in phases)) == names
         assert [phase[1:] for phase in phases if phase[0] == "checking places"] == [(0, 11), (4, 11), (11, 11)]
         phases.clear()
