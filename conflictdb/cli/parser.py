@@ -1,6 +1,7 @@
 """Parse commands, and define options of several commands. Imports no library, so that help is fast."""
 
 import argparse
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
@@ -67,6 +68,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options | {"add_help": False, "allow_abbrev": False})
         self._positionals.title = self._optionals.title = None
+        self._negative_number_matcher = re.compile(r"-[\d.].*")  # -20m is a value, too
         self.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

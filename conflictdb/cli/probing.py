@@ -21,7 +21,7 @@ from conflictdb.cli.output import out
 from conflictdb.cli.parser import Parser, check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table
-from conflictdb.cli.values import duration_s
+from conflictdb.cli.values import delay_s
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
@@ -115,7 +115,7 @@ def _differs(one: Conflict, other: Conflict) -> bool:
 def _delays(args: argparse.Namespace) -> list[tuple[str, timedelta]]:
     """Return keys and delays of --late; ends with a usage error for another duration."""
     try:
-        return [(key, timedelta(seconds=duration_s(text))) for key, text in args.late or ()]
+        return [(key, timedelta(seconds=delay_s(text))) for key, text in args.late or ()]
     except argparse.ArgumentTypeError as error:
         parser: Parser = args.parser
         parser.error(f"argument --late: {error}")

@@ -3,6 +3,7 @@
 import argparse
 import re
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from math import ulp
 from sys import float_info
 from typing import Final
@@ -16,7 +17,7 @@ MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
-_UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def name(text: str) -> str:
@@ -160,14 +161,33 @@ def port(text: str) -> int:
 
 
 def duration_s(text: str) -> float:
-    """Return a duration such as 90, 30s, 5m, 1.5h or 1d in seconds."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-z]*)", text.strip())
-    if not match or match[2] not in _UNITS_S or float(match[1]) == 0.0:
-        raise argparse.ArgumentTypeError(f"must be a duration such as 30s, 5m or 1h; got {text!r}")
-    value_s = float(match[1]) * _UNITS_S[match[2]]
+    """Return a duration such as 30s, 5m, 1.5h, 1d, 1h7m or 1:07:24 in seconds, as the program prints them."""
+    value_s = _duration_s(text.strip())
+    if not value_s:
+        rule = "must be a duration with a unit, such as 30s, 5m, 1h7m or 1:07:24"
+        raise argparse.ArgumentTypeError(f"{rule}; got {text!r}")
     if value_s > _MOST_S:
         raise argparse.ArgumentTypeError(f"must be at most 11574d, 31 years; got {text!r}")
     return value_s
+
+
+def delay_s(text: str) -> float:
+    """Return a duration in seconds, negative after a minus sign: earlier."""
+    sign, rest = (
+        (-1.0, text.strip()[1:]) if text.strip()[:1] in ("-", "\u2212") else (1.0, text.strip().removeprefix("+"))
+    )
+    return sign * duration_s(rest)
+
+
+def _duration_s(text: str) -> float | None:
+    """Return h:mm:ss, h:mm, or numbers with units, largest first, in seconds; None for anything else."""
+    if clock := re.fullmatch(r"(\d{1,9}):([0-5]\d)(?::([0-5]\d(?:\.\d{1,9})?))?", text):
+        return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3] or 0.0)
+    if not re.fullmatch(rf"(\d{{1,12}}(\.\d{{1,12}})?\s*({'|'.join(_UNITS_S)})\s*)+", text):
+        return None
+    parts = [(float(number), _UNITS_S[unit]) for number, unit in re.findall(r"([\d.]+)\s*([a-z]+)", text)]
+    in_order = all(unit > smaller for (_, unit), (_, smaller) in pairwise(parts))
+    return sum(number * unit for number, unit in parts) if in_order else None
 
 
 def seconds(text: str) -> float:

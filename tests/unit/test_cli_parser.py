@@ -15,7 +15,7 @@ from patience import WAIT_S
 from conflictdb.cli import codes, main
 from conflictdb.cli.commands import ENVIRONMENT, GROUPS, build
 from conflictdb.cli.parser import _OF_ALL_COMMANDS
-from conflictdb.cli.values import count, duration_s, instant, mapping, metres, speed_kn
+from conflictdb.cli.values import count, delay_s, duration_s, instant, mapping, metres, speed_kn
 from conflictdb.model.methods import Method
 
 
@@ -168,16 +168,45 @@ def test_other_shells_get_a_script_by_the_name_that_was_called(
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("90", 90.0), ("30s", 30.0), ("5m", 300.0), ("5 min", 300.0), ("1.5h", 5400.0), ("1d", 86400.0), ("250ms", 0.25)],
-)
+    [
+        ("30s", 30.0), ("5m", 300.0), ("5 min", 300.0), ("1.5h", 5400.0), ("1d", 86400.0), ("250ms", 0.25),
+        ("1h7m", 4020.0), ("1 h 07 min", 4020.0), ("1:07:24", 4044.0), ("0:02", 120.0),
+        ("4:42:25.784273", 16945.784273),
+    ],
+)  # fmt: skip
 def test_duration(text: str, seconds: float) -> None:
     assert duration_s(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "0", "0s", "-5s", "5 parsecs", "s", "1e3s", "nan", "inf", "99999999999d"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "0",
+        "0s",
+        "20",
+        "-5s",
+        "7m1h",
+        "5m5m",
+        "1:7",
+        "1:60:00",
+        "5 parsecs",
+        "s",
+        "1e3s",
+        "nan",
+        "inf",
+        "99999999999d",
+    ],
+)
 def test_what_is_no_duration(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
         duration_s(text)
+
+
+def test_a_delay_may_be_negative() -> None:
+    assert (delay_s("-20m"), delay_s("+20m"), delay_s("20m")) == (-1200.0, 1200.0, 1200.0)
+    args = build().parse_args(["probe", "--late", "FERRY", "-20m", "--late", "TOW", "1h"])
+    assert args.late == [["FERRY", "-20m"], ["TOW", "1h"]]
 
 
 def test_numbers() -> None:

@@ -129,7 +129,7 @@ def _add_questions(commands: Any) -> None:
     add_scene(parser)
     late = ("KEY", "DURATION")
     parser.add_argument(
-        "--late", nargs=2, action="append", type=name, metavar=late, help="later object (20m); repeatable"
+        "--late", nargs=2, action="append", type=name, metavar=late, help="later object (20m, -5m); repeatable"
     )
     parser.add_argument("--footprint", metavar="WKT", help="area: (MULTI)POLYGON, longitude latitude")
     parser.add_argument("--from", dest="start", type=instant, metavar="TIME", help="start (with offset)")
