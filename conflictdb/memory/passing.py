@@ -47,9 +47,9 @@ def moves_of(
         if key in ways:
             sides[key] = dict.fromkeys(clears[key], Side.CLEAR)
         elif key in speeds:
-            sides[key] = {other: _side_at_speed(other, speeds[key], changed) for other in clears[key]}
+            sides[key] = {other: _side(speeds[key] < 1.0, changed[key], changed.get(other)) for other in clears[key]}
         else:
-            sides[key] = {} if own is None else _sides(own, key_of, delays, delays[key], clears[key], changed)
+            sides[key] = {} if own is None else _sides(own, key_of, delays, key, clears[key], changed)
     near = _near(scene, changed, areas, {(key, other) for key in moving for other in sides[key]})
     moves = []
     for key in moving:
@@ -74,7 +74,7 @@ def _sides(
     own: Differences,
     key_of: Mapping[int, str],
     delays: Mapping[str, int],
-    delay: int,
+    key: str,
     clears: set[str],
     tracks: Mapping[str, Track],
 ) -> dict[str, Side]:
@@ -83,23 +83,27 @@ def _sides(
     for number in np.unique(own.other).tolist():
         rows, other = own.other == number, key_of[number]
         low, high = own.low[rows], own.high[rows]
-        difference = delay - delays.get(other, 0)
+        difference = delays[key] - delays.get(other, 0)
         # Sooner than the nearest interval, or later.
         away = np.maximum(low - difference, difference - high)
         nearest = int(np.argmin(away))
         if other in clears or away[nearest] == 1:
-            found[other] = _side(difference > high[nearest], other in tracks)
+            found[other] = _side(difference > high[nearest], tracks[key], tracks.get(other))
     return found
 
 
-def _side_at_speed(other: str, speed: float, tracks: Mapping[str, Track]) -> Side:
-    return _side(speed < 1.0, other in tracks)
+def _side(is_later: bool, own: Track, other: Track | None) -> Side:
+    """Return how a track passes another one, or an area (None); tracks pass each other if both are under way."""
+    if other is None or not _are_together(own, other):
+        return Side.AFTER if is_later else Side.BEFORE
+    return Side.ASTERN if is_later else Side.AHEAD
 
 
-def _side(is_later: bool, is_track: bool) -> Side:
-    if is_track:
-        return Side.ASTERN if is_later else Side.AHEAD
-    return Side.AFTER if is_later else Side.BEFORE
+def _are_together(a: Track, b: Track) -> bool:
+    """Return whether two tracks may be under way at one time; tracks with several voyages count as such."""
+    if a.departures_us is not None or b.departures_us is not None:
+        return True
+    return bool(a.times_us[0] < b.times_us[-1] and b.times_us[0] < a.times_us[-1])
 
 
 def _near(

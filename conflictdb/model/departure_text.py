@@ -67,7 +67,8 @@ def _shift(found: Delays, named: Callable[[str], str]) -> str:
 
 def _reason(found: Delays, current: Forbidden, areas: Iterable[Area], named: Callable[[str], str]) -> str:
     """Return what forbids every delay."""
-    permanent = {area.key for area in areas if area.start_us is None and area.end_us is None}
+    unbounded = (area for area in areas if area.start_us is area.end_us is None)
+    permanent = {area.key for area in unbounded if area.schedule is None and area.spans_us is None}
     for_ever = [key for key in found.blocked_by if key in permanent]
     if for_ever:
         verb = "is" if len(for_ever) == 1 else "are"

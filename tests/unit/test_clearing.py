@@ -295,6 +295,15 @@ def test_move_is_explained() -> None:
     assert found.as_json()["moves"][0]["text"] == move.text()
 
 
+def test_a_track_that_leaves_after_another_arrived_does_not_pass_astern_of_it() -> None:
+    """Two ferries from one berth, the second with a longer time of departure forbidden than the first is under way."""
+    again = replace(FERRY, key="AGAIN", times_us=FERRY.times_us + SECOND)
+    scene = replace(SCENE, time_separation_s=15_000.0)
+    [move] = resolve([FERRY, again], [], scene, keep=["FERRY"], within_s=86_400.0).moves
+    assert [one.side for one in move.passes] == [Side.AFTER]
+    assert "comes after FERRY" in move.text()
+
+
 def test_plans_that_have_not_begun_may_be_earlier() -> None:
     """A track passes ahead if that is less of a change; one that has begun stays."""
     slow = replace(FERRY, times_us=FERRY.times_us - 40 * SECOND)

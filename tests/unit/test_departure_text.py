@@ -10,6 +10,7 @@ from conflictdb import Area, Delays, Forbidden
 from conflictdb.model.departure_text import departure_text, duration_text
 
 RANGE = Area("RANGE", shapely.box(0, 0, 1, 1))
+TUESDAYS = Area("TUESDAYS", shapely.box(0, 0, 1, 1), schedule={"periods": [["19:10", "23:00"]]})
 CLOSED = Area("CLOSED", shapely.box(0, 0, 1, 1), start_us=1_780_000_000_000_000)
 
 
@@ -60,11 +61,15 @@ def found(
             found((-7200.0, 7200.0, "CLOSED"), least=(None, None), blocked="CLOSED"),
             "no delay within 2 h clears FERRY: it meets CLOSED",
         ),
+        (
+            found((-7200.0, 7200.0, "TUESDAYS"), least=(None, None), blocked="TUESDAYS"),
+            "no delay within 2 h clears FERRY: it meets TUESDAYS",
+        ),
         (found((-7200.0, 7200.0, "A B"), least=(None, None)), "no delay within 2 h clears FERRY: it meets A and B"),
     ],
 )
 def test_a_sentence_says_how_much_later_or_earlier(delays: Delays, says: str) -> None:
-    assert departure_text(delays, [RANGE, CLOSED], str) == says
+    assert departure_text(delays, [RANGE, CLOSED, TUESDAYS], str) == says
 
 
 @pytest.mark.parametrize(
