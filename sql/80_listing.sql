@@ -41,7 +41,7 @@ COMMENT ON FUNCTION _conflicts_known_at(text, timestamptz) IS
 'As conflicts_known_at, earliest first, with periods in binary.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_events(
-    p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint
+    p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint, p_since timestamptz
 ) RETURNS TABLE (
     event bigint, kind text, at timestamptz, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text,
     b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamptz,
@@ -56,14 +56,15 @@ BEGIN
                multirange_send(e.periods), e.verdict, e.time_error_s, e.closest_at, e.closest_m, e.closest_error_m,
                e.opened_at, e.closed_at, e.proposal_id
         FROM conflict_events e
-        WHERE e.scene = p_scene AND e.event > p_after
+        WHERE e.scene = p_scene AND e.event > p_after AND (p_since IS NULL OR e.at >= p_since)
           AND (p_key IS NULL OR p_key IN (e.a_key, e.b_key))
           AND (p_other_key IS NULL OR p_other_key IN (e.a_key, e.b_key))
         ORDER BY e.event LIMIT p_most;
 END
 $$;
-COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint) IS
-'Events of a scene after p_after (of one object, or of two), at most p_most, in order; periods in binary.';
+COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint, timestamptz) IS
+'Events of a scene after p_after and from p_since on (of one object, or of two), at most p_most, in order; periods in '
+'binary.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._approaches(p_scene text, p_only_near boolean, p_keys text[])
 RETURNS TABLE (

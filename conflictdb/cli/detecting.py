@@ -4,9 +4,10 @@ import argparse
 import json
 from datetime import UTC
 from itertools import chain
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
+from conflictdb.cli.history import events_table
 from conflictdb.cli.load_report import (
     Shown,
     approach_table,
@@ -23,7 +24,11 @@ from conflictdb.cli.output import data, note, out, remark
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
 from conflictdb.cli.tables import show_table, wrapped
+from conflictdb.errors import InvalidInput
 from conflictdb.model.settings import STORED_BY_DETECT, given
+
+if TYPE_CHECKING:
+    from conflictdb.client.stored_scene import StoredScene
 
 # Options that need files.
 _FOR_FILES: Final = (
@@ -99,7 +104,27 @@ def conflicts(args: argparse.Namespace) -> int:
         found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
         require_current(args, found.state)
         print_conflicts(found, [found.state], args.format, shown=shown)
+        if args.since is not None:
+            _print_gone(db.scene(args.scene), args)
     return listed(found.state)
+
+
+def _print_gone(scene: "StoredScene", args: argparse.Namespace) -> None:
+    """Print the conflicts that have closed since a time, of one object or all, and are not in conflict again."""
+    try:
+        found = scene.conflict_events(*([] if args.key is None else [args.key]), since=args.since)
+    except InvalidInput:  # a branch has no history
+        return
+    last = {one.conflict_id: one for one in found}
+    gone = [one for one in last.values() if one.kind == "closed"]
+    if not gone:
+        return
+    count = f"{len(gone):,} {'conflict has' if len(gone) == 1 else 'conflicts have'} ended since"
+    if args.format != "table":
+        remark(f"{count}: history --since lists them")
+        return
+    out(f"\n{count}:")
+    out(events_table(gone, scene.names(*(key for one in gone for key in (one.a_key, one.b_key)))))
 
 
 def approaches(args: argparse.Namespace) -> int:

@@ -9,22 +9,23 @@ from typing import Any
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels, moment_text, table_with_names
 from conflictdb.cli.output import line, out, print_json
-from conflictdb.cli.parser import check
+from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
 from conflictdb.model.results import ConflictEvent, format_moment
 
 
 def history(args: argparse.Namespace) -> int:
     """Print the history of conflicts."""
+    resolve_times(args, "since")
     check(args, [(len(args.keys) > 2, "give the keys of two objects at most")])
     with database(args) as db:
-        found = db.scene(args.scene).conflict_events(*args.keys, after=args.after)
+        found = db.scene(args.scene).conflict_events(*args.keys, after=args.after, since=args.since)
         is_json = args.format == "json"
         names = {} if is_json else db.scene(args.scene).names(*(key for one in found for key in (one.a_key, one.b_key)))
     if is_json:
         print_json([_facts(event) for event in found])
     else:
-        out(_table(found, names) if found else "no events")
+        out(events_table(found, names) if found else "no events")
     return DONE
 
 
@@ -43,7 +44,8 @@ def acknowledge(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
+def events_table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
+    """Return events as a table."""
     header = ["EVENT", "AT (UTC)", "WHAT", "A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)"]
     names_of = [(names.get(event.a_key), names.get(event.b_key)) for event in events]
     rows = [

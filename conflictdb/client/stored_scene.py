@@ -288,6 +288,7 @@ class StoredScene:
         *,
         after: int = 0,
         most: int | None = None,
+        since: "inputs.Instant | None" = None,
     ) -> list[ConflictEvent]:
         """Return the history of all conflicts, of an object's or of two objects', oldest first.
 
@@ -297,8 +298,11 @@ class StoredScene:
             Only events with a greater number; pass the last number seen to miss nothing.
         most : int, optional
             Maximal number of events.
+        since : instant, optional
+            Only events from then on.
         """
-        return store.conflict_events(self.connection, self.name, key, other_key, after, most)
+        begin = _moment("conflict_events", "since", since)
+        return store.conflict_events(self.connection, self.name, key, other_key, after, most, begin)
 
     def acknowledge(
         self, a_key: str, b_key: str, reason: str, until: "inputs.Instant | None" = None, *, by: str | None = None

@@ -230,11 +230,20 @@ def names(conn: psycopg.Connection[Any], scene: str, keys: Iterable[str]) -> dic
 
 
 def conflict_events(
-    conn: psycopg.Connection[Any], scene: str, key: str | None, other_key: str | None, after: int, most: int | None
+    conn: psycopg.Connection[Any],
+    scene: str,
+    key: str | None,
+    other_key: str | None,
+    after: int,
+    most: int | None,
+    since: datetime | None,
 ) -> list[ConflictEvent]:
-    """Return at most `most` events after number `after`, of a scene, object or pair; InvalidInput if unknown."""
+    """Return at most `most` events after number `after`, from `since` on, of a scene, object or pair.
+
+    Raises InvalidInput if the scene or an object is unknown.
+    """
     with transaction(conn):
-        rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
+        rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most, since)
     return list(_records(ConflictEvent, scene, rows))
 
 

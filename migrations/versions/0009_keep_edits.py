@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9754032a9e3ef8076bc3b7d6c0013e428b5dbc70e89149e6f6ce6ec126f63d78"
+routines_sha256 = "f877ec03775c0318380f93612d24002d26677776c48207cf821ab0b39b940e0e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

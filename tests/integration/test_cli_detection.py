@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import psycopg
 import pytest
 from commands import STRAIT, Run
 
@@ -755,3 +756,18 @@ def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:
         refused = run("speeds", *args, "--scene", "strait")
         assert (refused.code, refused.out) == (4, "")
         assert refused.err.startswith("conflictdb: speeds: ")
+
+
+def test_what_is_gone_is_listed_as_well(run: Run, dsn: str) -> None:
+    """`--since` never says "no conflicts" alone after some have closed; what opened again is not gone."""
+    assert run("detect", STRAIT).code == 0
+    with psycopg.connect(dsn) as conn:
+        conn.execute("UPDATE conflictdb.area SET ceiling_m = -5000, floor_m = -6000 WHERE key = 'DIVING'")
+    assert run("detect", "--scene", "strait").code == 0
+    done = run("conflicts", "--scene", "strait", "--since", "1h")
+    assert "3 conflicts have ended since:" in done.out
+    assert run("conflicts", "--scene", "strait", "--since", "1h", "FIRING").out.count("closed") == 1
+    listed = run("conflicts", "--scene", "strait", "--since", "1h", "--format", "json")
+    assert "3 conflicts have ended since: history --since lists them" in listed.err
+    assert run("history", "--scene", "strait", "--since", "1h").out.count("closed") == 3
+    assert run("history", "--scene", "strait", "--since", "2100-01-01T00:00Z").out == "no events\n"

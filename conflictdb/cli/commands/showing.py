@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from conflictdb.cli.parser import add_format, add_options, add_scene, command
-from conflictdb.cli.values import instant, name, port, whole
+from conflictdb.cli.values import instant, name, port, time_or_age, whole
 
 
 def add(commands: Any) -> None:
@@ -14,6 +14,8 @@ def add(commands: Any) -> None:
     parser.add_argument("keys", nargs="*", metavar="KEY", help="one key, or two")
     add_scene(parser)
     parser.add_argument("--after", type=whole, default=0, metavar="N", help="events after number N")
+    parser.add_argument("--since", type=time_or_age, metavar="TIME", help="events since TIME, or 24h ago")
+    parser.set_defaults(tz=None)
     add_format(parser, "table", "json")
 
     about = "acknowledge the conflict of two objects"
