@@ -476,7 +476,8 @@ ROLES: Final = {
         "conflictdb_worker",
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
-            *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply", "worker_stamp"),
+            *("attachment", "attached_relation", "attached_change", "attached_object"),
+            *("probe_request", "probe_reply", "worker_stamp"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
             *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule", "branch_edit"),
         ],

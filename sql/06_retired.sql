@@ -8,6 +8,7 @@ DECLARE
     c_retired CONSTANT text[] := ARRAY[
         'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
         'admit(p_scene, p_plans, p_owner, p_allow_known, admitted, conflicts, request_id)',
+        'attach(p_scene, p_kind, p_table, p_map, p_every)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
@@ -20,6 +21,7 @@ DECLARE
         'delays_of(p_scene, p_key, p_horizon, p_now, key, least_later_s, least_earlier_s, blocked_by, forbidden, '
         'waits, has_departed, earliest_s, latest_s)',
         'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',
+        'preview_attachment(p_scene, p_kind, p_table, p_map, p_every, p_objects, part, what)',
         'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '
         'p_outlines, p_floors_m, p_ceilings_m)',

@@ -8,6 +8,94 @@
 -- change. These two could use it in triggers on any table of their own. So it evaluates only output functions, and
 -- reads transition tables only if the trigger declares them: otherwise the name could refer to a temporary view.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_tables(
+    p_relation oid
+) RETURNS TABLE (relation oid, is_root boolean)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    WITH RECURSIVE tree AS (
+        SELECT p_relation AS relation, true AS is_root
+        UNION
+        -- DETACH PARTITION CONCURRENTLY hides a partition first, and removes it later.
+        SELECT i.inhrelid, false FROM tree JOIN pg_catalog.pg_inherits i ON i.inhparent = tree.relation
+            WHERE NOT i.inhdetachpending
+    )
+    SELECT tree.relation, tree.is_root FROM tree;
+END;
+COMMENT ON FUNCTION _attached_tables(oid) IS
+'A table with its partitions and children: a statement fires only the triggers of the table that it names.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_root(p_attachment attachment) RETURNS oid
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Without a row the name counts: a restore into a database without the table has none. A table that was dropped
+    -- leaves a row. By the catalogue: to_regclass raises an error for a schema that the role may not use.
+    SELECT coalesce((SELECT r.relation::oid FROM attached_relation r
+                     WHERE r.attachment_id = p_attachment.attachment_id AND r.is_root),
+                    (SELECT c.oid FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                     WHERE n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name));
+END;
+COMMENT ON FUNCTION _attached_root(attachment) IS
+'The table of an attachment, whatever its name is now. It may have been dropped; null: none has its name.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_name(p_attachment attachment) RETURNS text
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce((SELECT format('%I.%I', n.nspname, c.relname)
+                     FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                     WHERE c.oid = _attached_root(p_attachment)),
+                    format('%I.%I', p_attachment.table_schema, p_attachment.table_name));
+END;
+COMMENT ON FUNCTION _attached_name(attachment) IS
+'Present name of an attached table, as SCHEMA.TABLE; its last one if it was dropped.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_problems(p_attachment attachment) RETURNS text[]
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_root CONSTANT oid := _attached_root(p_attachment);
+    c_names CONSTANT name[] := ARRAY(SELECT format('conflictdb_%s_%s', p_attachment.attachment_id, e)
+                                     FROM unnest('{inserted,updated,deleted,truncated,replicated}'::text[]) e);
+    v_found text[] := '{}';
+    v_is_missing boolean;
+    v_is_disabled boolean;
+BEGIN
+    IF NOT EXISTS (SELECT FROM pg_catalog.pg_class c WHERE c.oid = v_root) THEN
+        RETURN ARRAY[CASE WHEN EXISTS (
+            SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+            WHERE n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name)
+            THEN 'remade' ELSE 'gone' END];
+    END IF;
+    IF NOT EXISTS (
+        SELECT FROM attached_relation r JOIN pg_catalog.pg_class c ON c.oid = r.relation
+        JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+        WHERE r.attachment_id = p_attachment.attachment_id AND r.is_root
+          AND n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name) THEN
+        v_found := v_found || 'moved'::text;
+    END IF;
+    IF p_attachment.has_triggers THEN
+        IF EXISTS (SELECT FROM (SELECT r.relation::oid FROM attached_relation r
+                                WHERE r.attachment_id = p_attachment.attachment_id) k
+                   FULL JOIN _attached_tables(v_root) t USING (relation)
+                   WHERE k.relation IS NULL OR t.relation IS NULL) THEN
+            v_found := v_found || 'parts'::text;
+        END IF;
+        SELECT bool_or(x.present < cardinality(c_names)), bool_or(x.is_disabled) INTO v_is_missing, v_is_disabled FROM (
+            SELECT count(g.tgname) AS present,
+                   bool_or(g.tgenabled NOT IN ('O', 'A') AND g.tgname NOT LIKE '%replicated') IS TRUE AS is_disabled
+            FROM _attached_tables(v_root) t
+            LEFT JOIN pg_catalog.pg_trigger g ON g.tgrelid = t.relation AND g.tgname = ANY (c_names)
+            GROUP BY t.relation) x;
+        v_found := v_found || CASE WHEN v_is_missing THEN '{unwatched}'::text[] ELSE '{}' END
+                   || CASE WHEN v_is_disabled THEN '{disabled}'::text[] ELSE '{}' END;
+    END IF;
+    RETURN v_found;
+END
+$$;
+COMMENT ON FUNCTION _attached_problems(attachment) IS
+'What changed about an attached table that no trigger records: gone, remade (gone, and another has its name), moved '
+'(renamed, or restored), parts (its partitions and children are others), unwatched (triggers are missing), disabled '
+'(triggers are); empty: nothing.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -104,8 +192,7 @@ $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', 
             WHERE p.oid = to_regprocedure(format('conflictdb_attached.rows_%s(text[], text)', p_attachment_id))
         UNION
         SELECT pg_get_userbyid(c.relowner) FROM attachment a
-            JOIN pg_catalog.pg_namespace n ON n.nspname = a.table_schema
-            JOIN pg_catalog.pg_class c ON c.relnamespace = n.oid AND c.relname = a.table_name
+            JOIN pg_catalog.pg_class c ON c.oid = _attached_root(a)
             WHERE a.attachment_id = p_attachment_id LOOP
         EXECUTE format('GRANT EXECUTE ON FUNCTION conflictdb_internal._note_%s() TO %I', p_attachment_id, v_role);
     END LOOP;
@@ -140,35 +227,3 @@ BEGIN
     PERFORM _create_note(a.attachment_id) FROM attachment a WHERE a.has_triggers;
 END
 $$;
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._attached_tables(
-    p_relation oid
-) RETURNS TABLE (relation oid, is_root boolean)
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    WITH RECURSIVE tree AS (
-        SELECT p_relation AS relation, true AS is_root
-        UNION
-        SELECT i.inhrelid, false FROM tree JOIN pg_catalog.pg_inherits i ON i.inhparent = tree.relation
-    )
-    SELECT tree.relation, tree.is_root FROM tree;
-END;
-COMMENT ON FUNCTION _attached_tables(oid) IS
-'A table with its partitions and children: a statement fires only the triggers of the table that it names.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._is_watched(
-    p_attachment_id bigint, p_table_schema text, p_table_name text
-) RETURNS boolean
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT count(*) > 0 AND bool_and(
-        (SELECT count(*) FROM pg_catalog.pg_trigger g
-         WHERE g.tgrelid = t.relation AND g.tgname ~ format('^conflictdb_%s_(inserted|updated|deleted|truncated)$',
-                                                            p_attachment_id)
-               AND g.tgenabled IN ('O', 'A')) = 4)
-    FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
-    CROSS JOIN LATERAL _attached_tables(c.oid) t
-    WHERE n.nspname = p_table_schema AND c.relname = p_table_name;
-END;
-COMMENT ON FUNCTION _is_watched(bigint, text, text) IS
-'Whether an attached table and all its partitions have their triggers, all enabled.';

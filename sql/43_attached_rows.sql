@@ -54,6 +54,13 @@ $$;
 COMMENT ON FUNCTION _after_attached_written() IS
 'Trigger, once per statement: raises insufficient_privilege unless the current role attached the table of each row.';
 
+CREATE OR REPLACE TRIGGER attached_relation_inserted AFTER INSERT ON attached_relation REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE OR REPLACE TRIGGER attached_relation_updated AFTER UPDATE ON attached_relation
+    REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE OR REPLACE TRIGGER attached_relation_deleted AFTER DELETE ON attached_relation REFERENCING OLD TABLE AS old_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE OR REPLACE TRIGGER attached_object_inserted AFTER INSERT ON attached_object REFERENCING NEW TABLE AS new_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE OR REPLACE TRIGGER attached_object_updated AFTER UPDATE ON attached_object
@@ -115,22 +122,32 @@ END;
 COMMENT ON FUNCTION _has_just_failed(attachment) IS
 'Whether reading an attachment failed within the last minute, so that it is not retried yet.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_moved(p_attachment attachment) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _attached_problems(p_attachment) && '{moved,parts,unwatched}'::text[];
+END;
+COMMENT ON FUNCTION _is_moved(attachment) IS
+'Whether _rewatch_attached has something to do: the table was renamed, or lacks triggers.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._attachments_to_follow(
     p_scene text, p_try_again boolean
-) RETURNS SETOF bigint
+) RETURNS TABLE (attachment_id bigint, is_moved boolean)
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
-    RETURN QUERY SELECT a.attachment_id FROM attachment a
+    RETURN QUERY SELECT a.attachment_id, m.is_moved
+        FROM attachment a CROSS JOIN LATERAL (SELECT _is_moved(a) AS is_moved OFFSET 0) m
         WHERE a.scene_id = _scene_id(p_scene) AND _is_mine(a.attachment_id)
           AND (p_try_again OR NOT _has_just_failed(a))
-          AND (NOT _is_compared(a) OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
+          AND (NOT _is_compared(a) OR m.is_moved
+               OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
                OR EXISTS (SELECT FROM _drifted_objects(a.attachment_id)))
         ORDER BY a.attachment_id;
 END
 $$;
 COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
-'Ids of the attachments of a scene, made by the current role, that have changes or are due for comparison. Those that '
-'failed within the last minute only with p_try_again.';
+'Ids of the attachments of a scene, made by the current role, that have changes or are due for comparison, and whether '
+'_rewatch_attached comes first. Those that failed within the last minute only with p_try_again.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._attached_rows(
     p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_reading text

@@ -139,7 +139,7 @@ BEGIN
     IF NOT p_is_waypoints THEN
         RETURN QUERY
         SELECT
-            i.object_id, i.key::text,
+            coalesce(i.object_id, i.former_id), i.key::text,
             /* track columns: TAKEN(s)
                but path = _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times)
                but outline = coalesce(ST_Force2D(s.outline),
@@ -157,7 +157,7 @@ BEGIN
     END IF;
     RETURN QUERY
     WITH waypoint AS (
-        SELECT i.n, i.object_id, i.key, s.at, s.shape,
+        SELECT i.n, coalesce(i.object_id, i.former_id) AS object_id, i.key, s.at, s.shape,
                -- Those of the first waypoint are the track's.
                /* track columns: s.NAME, but path = but outline = but outlines = but floor_m = but ceiling_m =
                   but floors_m = but ceilings_m = */
@@ -235,11 +235,11 @@ DECLARE
     v_is_closed boolean := _is_closed(p_attachment.scene_id);
 BEGIN
     IF p_attachment.object_kind = 0 THEN
-        DELETE FROM area a USING pg_temp.attached_item i
+        UPDATE area a SET key = i.key FROM pg_temp.attached_item i
             WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id AND a.scene_id = p_attachment.scene_id;
         WITH new AS (
             SELECT
-                i.object_id, i.key,
+                coalesce(i.object_id, i.former_id) AS object_id, i.key,
                 /* area columns: TAKEN(s) AS NAME
                    but footprint = _attached_footprint(format('area %L', i.key), s.shape) AS footprint
                    but active_span = coalesce(CASE WHEN NOT isempty(s.activations)
@@ -288,7 +288,7 @@ BEGIN
             /* end */
             FROM new n WHERE n.object_id IS NULL;
     ELSE
-        DELETE FROM track t USING pg_temp.attached_item i
+        UPDATE track t SET key = i.key FROM pg_temp.attached_item i
             WHERE i.n BETWEEN p_first AND p_last AND t.track_id = i.former_id AND t.scene_id = p_attachment.scene_id;
         WITH new AS (
             SELECT n.* FROM _staged_tracks(p_attachment.map ? 'position', p_attachment.map ? 'times', p_first, p_last) n
@@ -414,6 +414,18 @@ BEGIN
         LEFT JOIN attached_object o ON o.attachment_id = p_attachment.attachment_id AND o.identity = s.identity;
     ANALYZE pg_temp.attached_item;
 
+    -- A row with the key of a row that is gone is the same object, as after a map with other columns of the key.
+    WITH heir AS (
+        SELECT DISTINCT ON (o.key) o.key, g.identity AS gone, i.identity, g.former_id
+        FROM pg_temp.attached_item g
+        JOIN attached_object o ON o.attachment_id = p_attachment.attachment_id AND o.identity = g.identity
+        JOIN pg_temp.attached_item i ON i.key = o.key AND i.rows > 0 AND i.reason IS NULL AND i.former_id IS NULL
+        WHERE g.rows = 0 AND g.former_id IS NOT NULL
+        ORDER BY o.key, i.identity
+    )
+    UPDATE pg_temp.attached_item i SET former_id = CASE WHEN i.identity = h.identity THEN h.former_id END
+        FROM heir h WHERE i.identity IN (h.identity, h.gone);
+
     -- Removed rows first, because other rows may now use their keys.
     DELETE FROM area a USING pg_temp.attached_item i
         WHERE p_attachment.object_kind = 0 AND i.rows = 0 AND a.area_id = i.former_id
@@ -434,13 +446,26 @@ BEGIN
                       AND a.scene_id = p_attachment.scene_id AND a.key = i.key)
            OR EXISTS (SELECT FROM track t WHERE p_attachment.object_kind = 1 AND t.track_id = i.former_id
                       AND t.scene_id = p_attachment.scene_id AND t.key = i.key);
+    -- A row whose key changed renames its object; not if another row has the former key now.
+    DELETE FROM area a USING pg_temp.attached_item i
+        WHERE p_attachment.object_kind = 0 AND a.area_id = i.former_id AND a.scene_id = p_attachment.scene_id
+              AND i.reason IS NULL AND EXISTS (SELECT FROM pg_temp.attached_item x WHERE x.key = a.key);
+    DELETE FROM track t USING pg_temp.attached_item i
+        WHERE p_attachment.object_kind = 1 AND t.track_id = i.former_id AND t.scene_id = p_attachment.scene_id
+              AND i.reason IS NULL AND EXISTS (SELECT FROM pg_temp.attached_item x WHERE x.key = t.key);
+    UPDATE pg_temp.attached_item i SET former_id = NULL
+        WHERE i.former_id IS NOT NULL
+          AND NOT EXISTS (SELECT FROM area a WHERE p_attachment.object_kind = 0 AND a.area_id = i.former_id
+                          AND a.scene_id = p_attachment.scene_id)
+          AND NOT EXISTS (SELECT FROM track t WHERE p_attachment.object_kind = 1 AND t.track_id = i.former_id
+                          AND t.scene_id = p_attachment.scene_id);
     UPDATE pg_temp.attached_item i
         SET is_taken = true, reason = 'key: is taken by an object of the scene that is not attached'
         WHERE i.reason IS NULL AND i.object_id IS NULL
           AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = p_attachment.scene_id AND k.key = i.key);
     IF FOUND THEN
         UPDATE pg_temp.attached_item i SET reason = 'key: is taken by a row of ' || h.holder
-            FROM (SELECT o.key, min(format('%I.%I', a.table_schema, a.table_name)) AS holder
+            FROM (SELECT o.key, min(_attached_name(a)) AS holder
                   FROM attached_object o JOIN attachment a USING (attachment_id)
                   WHERE a.scene_id = p_attachment.scene_id AND o.object_id IS NOT NULL GROUP BY o.key) h
             WHERE i.is_taken AND i.key = h.key;

@@ -1,19 +1,111 @@
 -- Following attached tables: changed rows become objects, in one transaction per table.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._rewatch_attached(p_attachment_id bigint) RETURNS text
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Writers queue behind a session that waits for a table. It tries again soon.
+SET lock_timeout = '100ms' AS $$
+DECLARE
+    v_attachment attachment%ROWTYPE;
+    v_root oid;
+    v_problems text[];
+    v_who text;
+BEGIN
+    SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id
+        FOR NO KEY UPDATE SKIP LOCKED;
+    IF NOT FOUND OR NOT _is_mine(p_attachment_id) THEN
+        RETURN NULL;
+    END IF;
+    v_root := _attached_root(v_attachment);
+    v_problems := _attached_problems(v_attachment);
+    v_who := format('attachment of %s', _attached_name(v_attachment));
+    IF NOT v_problems && '{moved,parts,unwatched}' THEN
+        RETURN NULL;
+    END IF;
+    PERFORM _hold_attached(v_who, v_root, v_attachment.has_triggers);
+    PERFORM _check_attachable(v_who, v_root, v_attachment.has_triggers);
+    IF 'moved' = ANY (v_problems) THEN
+        PERFORM _create_attached_rows(v_who, p_attachment_id, v_attachment.object_kind, v_root, v_attachment.map);
+        UPDATE attachment a
+            SET (table_schema, table_name) = (SELECT n.nspname, c.relname FROM pg_catalog.pg_class c
+                                              JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                                              WHERE c.oid = v_root)
+            WHERE a.attachment_id = p_attachment_id;
+    END IF;
+    IF v_problems && '{parts,unwatched}' THEN
+        INSERT INTO attached_change (attachment_id) VALUES (p_attachment_id);
+    END IF;
+    PERFORM _watch_attached(v_attachment, v_root, false);
+    RETURN NULL;
+EXCEPTION
+    WHEN lock_not_available OR serialization_failure OR deadlock_detected THEN
+        RETURN NULL;
+    WHEN OTHERS THEN
+        PERFORM _attachment_failed(p_attachment_id, SQLERRM);
+        RETURN SQLERRM;
+END
+$$;
+COMMENT ON FUNCTION _rewatch_attached(bigint) IS
+'Follows an attached table that was renamed, and creates triggers that are missing, as on a new partition, with the '
+'rights of the current role; all rows are compared next. Locks tables until the transaction ends, but waits for them '
+'at most a tenth of a second. Returns why that failed; null if it did not, or if another session has them.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._missing_table(p_problems text[]) RETURNS text
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN 'remade' = ANY (p_problems)
+                    THEN 'was dropped, and another one has its name: reattach takes that one, or detach it'
+                WHEN 'gone' = ANY (p_problems) THEN 'no longer exists: reattach another one, or detach it' END;
+END;
+COMMENT ON FUNCTION _missing_table(text[]) IS 'Words for an attached table that was dropped; null if it was not.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._stage_attached(
+    p_attachment attachment, p_problems text[], p_change_ids bigint[], p_is_full boolean, p_how text
+) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- It must end even if another session has locked the table.
+SET lock_timeout = '10s' AS $$
+DECLARE
+    v_who text := format('attachment of %s', _attached_name(p_attachment));
+BEGIN
+    IF _missing_table(p_problems) IS NOT NULL THEN
+        FOUND := _raise('ZC009', v_who, 'table', _missing_table(p_problems), 'attached_there');
+    END IF;
+    PERFORM _hold_attached(v_who, _attached_root(p_attachment), p_attachment.has_triggers);
+    PERFORM _begin_attached();
+    INSERT INTO pg_temp.staged_attached
+        SELECT r.* FROM _attached_rows(p_attachment.attachment_id, p_change_ids, p_is_full, p_how) r;
+END
+$$;
+COMMENT ON FUNCTION _stage_attached(attachment, text[], bigint[], boolean, text) IS
+'Reads the changed rows of an attached table into staged_attached (_attached_rows), unless it has the given problems.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._follow_attachment(
-    p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint,
-    OUT error text
+    p_attachment_id bigint, p_waits boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint,
+    OUT unmapped bigint, OUT error text
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_attachment attachment%ROWTYPE;
     v_change_ids bigint[];
+    v_problems text[];
     v_is_full boolean;
+    v_is_read boolean;
     v_how text;
 BEGIN
     -- Serialises sessions that follow the same table.
-    SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id FOR NO KEY UPDATE;
+    IF p_waits THEN
+        SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id FOR NO KEY UPDATE;
+    ELSE
+        SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = p_attachment_id
+            FOR NO KEY UPDATE SKIP LOCKED;
+    END IF;
     is_done := FOUND AND _is_mine(p_attachment_id);
+    IF NOT is_done THEN
+        RETURN;
+    END IF;
+    v_problems := _attached_problems(v_attachment);
+    -- The function reads the former name, which may be another table's.
+    is_done := NOT 'moved' = ANY (v_problems);
     IF NOT is_done THEN
         RETURN;
     END IF;
@@ -23,19 +115,23 @@ BEGIN
     -- All rows at once; if that fails, one by one, so that one failing row does not stop the others.
     FOREACH v_how IN ARRAY ARRAY['rows', 'carefully'] LOOP
         BEGIN
-            -- The name may now belong to another relation.
-            PERFORM _hold_attached(format('attachment of %I.%I', v_attachment.table_schema, v_attachment.table_name),
-                                   format('%I.%I', v_attachment.table_schema, v_attachment.table_name),
-                                   v_attachment.has_triggers);
-            PERFORM _begin_attached();
-            INSERT INTO pg_temp.staged_attached
-                SELECT r.* FROM _attached_rows(p_attachment_id, v_change_ids, v_is_full, v_how) r;
+            v_is_read := false;
+            PERFORM _stage_attached(v_attachment, v_problems, v_change_ids, v_is_full, v_how);
+            v_is_read := true;
             SELECT t.mapped, t.removed, t.unmapped INTO mapped, removed, unmapped
                 FROM _take_over_attached(v_attachment, v_change_ids) t;
             error := NULL;
             EXIT;
-        EXCEPTION WHEN OTHERS THEN
-            error := SQLERRM;
+        EXCEPTION
+            WHEN lock_not_available THEN
+                -- Another session has the scene, as one that loads it: no fault of the table.
+                IF v_is_read THEN
+                    RAISE;
+                END IF;
+                error := 'another session has locked it';
+                EXIT;
+            WHEN OTHERS THEN
+                error := SQLERRM;
         END;
     END LOOP;
     IF error IS NULL THEN
@@ -47,10 +143,11 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _follow_attachment(bigint) IS
+COMMENT ON FUNCTION _follow_attachment(bigint, boolean) IS
 'Updates the objects of an attachment from its table: returns numbers of objects created, updated or unchanged, of '
 'objects removed, and of rows that cannot be mapped, or why the table cannot be read. is_done: false for other roles, '
-'for which nothing happens.';
+'for a table that _rewatch_attached has to follow first, and unless p_waits while another session follows it: then '
+'nothing happens.';
 
 CREATE OR REPLACE FUNCTION follow_attached(p_scene text)
 RETURNS TABLE ("table" text, mapped bigint, removed bigint, unmapped bigint, error text)
@@ -58,15 +155,17 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- The second round serves rows whose key the first round freed.
     c_rounds CONSTANT integer := 2;
-    v_attachment_id bigint;
+    v_one record;
     v_round integer;
+    v_error text;
 BEGIN
     PERFORM _scene_to_change(p_scene);
     FOR v_round IN 1..c_rounds LOOP
-        FOR v_attachment_id IN SELECT f FROM _attachments_to_follow(p_scene, v_round = 1) f LOOP
-            RETURN QUERY SELECT format('%I.%I', a.table_schema, a.table_name), d.mapped, d.removed, d.unmapped, d.error
-                         FROM attachment a CROSS JOIN _follow_attachment(v_attachment_id) d
-                         WHERE a.attachment_id = v_attachment_id AND d.is_done;
+        FOR v_one IN SELECT f.* FROM _attachments_to_follow(p_scene, v_round = 1) f LOOP
+            v_error := CASE WHEN v_one.is_moved THEN _rewatch_attached(v_one.attachment_id) END;
+            RETURN QUERY SELECT _attached_name(a), d.mapped, d.removed, d.unmapped, coalesce(v_error, d.error)
+                         FROM attachment a CROSS JOIN _follow_attachment(v_one.attachment_id, true) d
+                         WHERE a.attachment_id = v_one.attachment_id AND (d.is_done OR v_error IS NOT NULL);
         END LOOP;
     END LOOP;
 END
@@ -74,8 +173,9 @@ $$;
 COMMENT ON FUNCTION follow_attached(text) IS
 'Updates the objects of a scene from the tables that the current role attached; returns one row per changed table: '
 'numbers of objects created, updated or unchanged (mapped), of objects removed, and of rows that cannot be mapped '
-'(view unmapped), and why a table cannot be read. Detections and workers of that role do this automatically; other '
-'roles, including superusers, never read the table.';
+'(view unmapped), and why a table cannot be read. Creates missing triggers, as on a new partition, which it then locks '
+'against writers until the transaction ends. Detections and workers of that role do this automatically; other roles, '
+'including superusers, never read the table.';
 
 -- If changes of a table may be missed, its scene is not current.
 
@@ -83,15 +183,15 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._attachment_remark(p_attachment a
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_role name := _attaching_role(p_attachment.attachment_id);
+    v_problems text[] := _attached_problems(p_attachment);
 BEGIN
     RETURN CASE
-        WHEN v_role IS NULL THEN 'the function that reads the table is gone: detach, and attach again'
-        WHEN NOT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
-                         WHERE n.nspname = p_attachment.table_schema AND c.relname = p_attachment.table_name)
-            THEN 'the table no longer exists: detach it'
-        WHEN p_attachment.has_triggers AND NOT _is_watched(p_attachment.attachment_id, p_attachment.table_schema,
-                                                           p_attachment.table_name)
-            THEN 'triggers are missing or disabled, maybe on a new partition: detach, and attach again'
+        WHEN v_problems && '{gone,remade}' THEN 'the table ' || _missing_table(v_problems)
+        WHEN v_role IS NULL THEN 'the function that reads the table is gone: reattach makes it again'
+        WHEN 'disabled' = ANY (v_problems) THEN 'triggers are disabled: enable them, or reattach the table'
+        WHEN v_problems && '{parts,unwatched}'
+            THEN format('partitions or triggers changed, which role %I has not followed yet: run a worker as that role,'
+                        ' or follow_attached(scene)', v_role)
         -- Twice the interval: the role's sessions compare as soon as it is due.
         WHEN NOT p_attachment.has_triggers AND (p_attachment.compared_at IS NULL
                  OR p_attachment.compared_at < now() - 2 * p_attachment.every - interval '10 s')
@@ -108,7 +208,7 @@ COMMENT ON FUNCTION _attachment_remark(attachment) IS
 
 CREATE OR REPLACE VIEW attachments WITH (security_invoker = true) AS
 SELECT s.name AS scene, a.attachment_id, CASE a.object_kind WHEN 0 THEN 'area' ELSE 'track' END AS kind,
-       format('%I.%I', a.table_schema, a.table_name) AS "table", a.map,
+       _attached_name(a) AS "table", a.map,
        _attaching_role(a.attachment_id) AS role, a.has_triggers, a.every,
        (SELECT count(*) FROM attached_object o WHERE o.attachment_id = a.attachment_id AND o.object_id IS NOT NULL)
            AS objects,
@@ -140,7 +240,7 @@ COMMENT ON COLUMN attachments.error IS 'Why reading it failed; null if the last 
 COMMENT ON COLUMN attachments.remark IS 'Another problem, which may hide changes; null if there is none.';
 
 CREATE OR REPLACE VIEW unmapped WITH (security_invoker = true) AS
-SELECT s.name AS scene, a.attachment_id, format('%I.%I', a.table_schema, a.table_name) AS "table",
+SELECT s.name AS scene, a.attachment_id, _attached_name(a) AS "table",
        a.identity_columns, o.identity, o.key, o.reason, o.since, o.object_id IS NOT NULL AS is_kept
 FROM attached_object o JOIN attachment a USING (attachment_id) JOIN scene s USING (scene_id)
 WHERE o.reason IS NOT NULL;

@@ -189,7 +189,7 @@ BEGIN
             || v_waiting
             || CASE v_waiting WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection' END,
         CASE WHEN v_attached > 0 THEN 'changes of an attached table wait to be taken over' END,
-        (SELECT string_agg(format('%I.%I: %s', a.table_schema, a.table_name, _attachment_remark(a)), '; '
+        (SELECT string_agg(format('%s: %s', _attached_name(a), _attachment_remark(a)), '; '
                            ORDER BY a.attachment_id)
          FROM attachment a
          WHERE a.scene_id = ANY ((SELECT _layers(v_scene_id))::bigint[]) AND _attachment_remark(a) IS NOT NULL),

@@ -125,7 +125,7 @@ BEGIN
         END IF;
     END IF;
     RETURN v_found || ARRAY(
-        SELECT format('rows of %I.%I, which a detection has not read yet', a.table_schema, a.table_name)
+        SELECT format('rows of %s, which a detection has not read yet', _attached_name(a))
         FROM attachment a
         WHERE a.scene_id = v_proposal.scene_id
           AND EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
@@ -268,7 +268,7 @@ BEGIN
                      AND octet_length(o.identity) < 1000
                      AND NOT EXISTS (SELECT FROM track t WHERE t.track_id = m.track_id
                                      AND t.tolerances ?| '{departure_window,arrival_window}') THEN
-                    format('UPDATE %I.%I AS t SET %I = %s WHERE %s', a.table_schema, a.table_name, c.attname,
+                    format('UPDATE %s AS t SET %I = %s WHERE %s', _attached_name(a), c.attname,
                            CASE WHEN c.attndims > 0 THEN
                                     format('(SELECT array_agg(u.at %s ORDER BY u.n) '
                                            'FROM unnest(t.%I) WITH ORDINALITY AS u (at, n))', x.later, c.attname)
@@ -281,11 +281,7 @@ BEGIN
     CROSS JOIN LATERAL (SELECT format('+ interval %L', round((m.delay_s * 1e6)::numeric)::bigint
                                       * CASE WHEN p_undo THEN -1 ELSE 1 END || ' microseconds') AS later) x
     LEFT JOIN pg_catalog.pg_attribute c
-        -- By the catalogue: to_regclass raises an error for a schema that the role may not use.
-        ON c.attrelid = (SELECT r.oid FROM pg_catalog.pg_class r
-                         JOIN pg_catalog.pg_namespace n ON n.oid = r.relnamespace
-                         WHERE n.nspname = a.table_schema AND r.relname = a.table_name)
-           AND c.attnum > 0 AND NOT c.attisdropped
+        ON c.attrelid = _attached_root(a) AND c.attnum > 0 AND NOT c.attisdropped
            AND a.map ->> CASE WHEN a.map ? 'times' THEN 'times' ELSE 'time' END IN (c.attname, quote_ident(c.attname))
     WHERE m.proposal_id = p_proposal_id
     ORDER BY m.key;
@@ -303,14 +299,19 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_hash bigint;
 BEGIN
+    IF _attached_problems(p_attachment) && '{gone,remade,moved}' THEN
+        FOUND := _raise('ZC018', p_who, 'scene',
+                        format('has changed since it was %s: table %s was renamed or dropped', p_since,
+                               _attached_name(p_attachment)), 'proposal_current');
+    END IF;
     EXECUTE format('SELECT conflictdb_internal._combined_hash(sum(r.hash)) '
                    'FROM conflictdb_attached.rows_%s($1::text[], ''rows''::text) r', p_attachment.attachment_id)
         INTO v_hash USING ARRAY[p_identity];
     IF v_hash IS DISTINCT FROM (SELECT o.hash FROM attached_object o
                                 WHERE o.attachment_id = p_attachment.attachment_id AND o.identity = p_identity) THEN
         FOUND := _raise('ZC018', p_who, 'scene',
-                        format('has changed since it was %s: rows of track %L in %I.%I', p_since, p_key,
-                               p_attachment.table_schema, p_attachment.table_name), 'proposal_current');
+                        format('has changed since it was %s: rows of track %L in %s', p_since, p_key,
+                               _attached_name(p_attachment)), 'proposal_current');
     END IF;
 END
 $$;
@@ -351,10 +352,8 @@ BEGIN
         SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
         PERFORM set_config('search_path', 'pg_catalog, pg_temp', true);
         IF EXISTS (SELECT FROM pg_catalog.pg_class c
-                   WHERE c.oid = to_regclass(format('%I.%I', v_attachment.table_schema, v_attachment.table_name))
-                     AND c.relkind IN ('r', 'p')) THEN
-            EXECUTE format('SELECT FROM %I.%I AS t WHERE %s FOR UPDATE', v_attachment.table_schema,
-                           v_attachment.table_name,
+                   WHERE c.oid = conflictdb_internal._attached_root(v_attachment) AND c.relkind IN ('r', 'p')) THEN
+            EXECUTE format('SELECT FROM %s AS t WHERE %s FOR UPDATE', conflictdb_internal._attached_name(v_attachment),
                            conflictdb_internal._identity_condition(v_attachment.identity_columns, v_one.identity));
         END IF;
         PERFORM set_config('search_path', v_path, true);

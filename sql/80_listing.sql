@@ -145,10 +145,11 @@ BEGIN ATOMIC
     FROM (SELECT m.scene_id, m.changed_at AS at, m.change_id AS n FROM change m
           UNION ALL
           -- An attached table that could not be read is retried after a minute.
-          SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
+          SELECT a.scene_id,
+                 coalesce(q.changed_at, CASE WHEN _is_compared(a) THEN now() ELSE a.compared_at + a.every END), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
-          WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
-                AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)
+          WHERE CASE WHEN _has_just_failed(a) OR NOT _is_mine(a.attachment_id) THEN false
+                     ELSE q.attachment_id IS NOT NULL OR NOT _is_compared(a) OR _is_moved(a) END
           UNION ALL
           SELECT b.scene_id, now(), 0 FROM scene b WHERE b.parent_scene_id IS NOT NULL AND _is_behind_parent(b.scene_id)
               AND EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id)

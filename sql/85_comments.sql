@@ -279,8 +279,8 @@ COMMENT ON TABLE attachment IS 'Tables attached to scenes. Query the view attach
 COMMENT ON COLUMN attachment.attachment_id IS 'Id, part of the names of its triggers and function.';
 COMMENT ON COLUMN attachment.scene_id IS 'Scene; it cannot be removed while the table is attached.';
 COMMENT ON COLUMN attachment.object_kind IS 'Kind of the objects made from its rows: 0 area, 1 track.';
-COMMENT ON COLUMN attachment.table_schema IS 'Schema of the table.';
-COMMENT ON COLUMN attachment.table_name IS 'Name of the table.';
+COMMENT ON COLUMN attachment.table_schema IS 'Schema of the table when it was last followed (attached_relation).';
+COMMENT ON COLUMN attachment.table_name IS 'Name of the table when it was last followed (attached_relation).';
 COMMENT ON COLUMN attachment.map IS 'The column or expression of each field, as given.';
 COMMENT ON COLUMN attachment.identity_columns IS
 'Columns that the key is computed from; rows with equal values form one object.';
@@ -290,6 +290,12 @@ COMMENT ON COLUMN attachment.attached_at IS 'When it was attached.';
 COMMENT ON COLUMN attachment.compared_at IS 'When all rows were last compared; null: never.';
 COMMENT ON COLUMN attachment.failed_at IS 'When reading it last failed; null if the last attempt succeeded.';
 COMMENT ON COLUMN attachment.error IS 'Why reading it failed; null if the last attempt succeeded.';
+
+COMMENT ON TABLE attached_relation IS
+'The table of each attachment, whatever its name, and with triggers its partitions and children. Dumps write names.';
+COMMENT ON COLUMN attached_relation.attachment_id IS 'Attachment.';
+COMMENT ON COLUMN attached_relation.relation IS 'Table, partition or child; it may have been dropped since.';
+COMMENT ON COLUMN attached_relation.is_root IS 'Whether it is the attached table itself.';
 
 COMMENT ON TABLE attached_change IS
 'Changes of attached tables, recorded by triggers; deleted when the rows are taken over.';

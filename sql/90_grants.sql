@@ -75,7 +75,7 @@ END
 $$;
 
 -- Editors change the input. Triggers that run as their owner maintain marks and keys.
-GRANT DELETE ON scene, area, track, rule, attachment, attached_change, attached_object, scene_share
+GRANT DELETE ON scene, area, track, rule, attachment, attached_relation, attached_change, attached_object, scene_share
     TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
 -- By column, without ids and versions: an id ahead of its sequence would block rows of others, and first_version would
@@ -89,7 +89,7 @@ BEGIN
     FOR v_table, v_role IN
         SELECT t.name::regclass, t.role
         FROM (VALUES ('scene', 'editor'), ('area', 'editor'), ('track', 'editor'), ('rule', 'editor'),
-                     ('attachment', 'editor'),
+                     ('attachment', 'editor'), ('attached_relation', 'editor'),
                      ('attached_change', 'editor'), ('attached_object', 'editor'), ('scene_share', 'editor'),
                      ('probe_request', 'reader')) t (name, role) LOOP
         SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_columns
@@ -122,12 +122,13 @@ GRANT INSERT, UPDATE (taken) ON admission_lock TO conflictdb_editor;
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
 -- Attaching tables and taking their rows over. Writers of the tables need none of this.
-GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachment, _open_attached_schema,
-                          _free_attached_name,
+GRANT EXECUTE ON FUNCTION attach, reattach, detach, preview_attachment, preview_reattachment, _preview,
+                          _register_attachment, _check_attachment, _hold_attachment, _change_attachment,
+                          _open_attached_schema, _free_attached_name,
                           _close_attached_schema, _map_expression, _create_attached_rows,
-                          _create_attached_triggers, _create_note, _hold_attached, _attached_rows,
+                          _watch_attached, _create_note, _hold_attached, _attached_rows,
                           _attachment_failed, _begin_attached, _staged_tracks, _put_attached, _put_attached_by_halves,
-                          _take_over_attached, _follow_attachment, follow_attached
+                          _take_over_attached, _rewatch_attached, _stage_attached, _follow_attachment, follow_attached
     TO conflictdb_editor;
 GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 

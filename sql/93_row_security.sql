@@ -24,11 +24,13 @@ BEGIN
         v_readable := CASE v_table::text
             WHEN 'scene' THEN format(c_mine, 'owner') || ' AND parent_scene_id IS NULL OR ' || c_readable
             WHEN 'scene_share' THEN format(c_mine, 'role') || ' OR ' || c_owned
+            WHEN 'attached_relation' THEN format(c_attached, 'a.' || c_readable)
             WHEN 'attached_change' THEN format(c_attached, 'a.' || c_readable)
             WHEN 'attached_object' THEN format(c_attached, 'a.' || c_readable)
             ELSE c_readable END;
         v_writable := CASE v_table::text
             WHEN 'scene_share' THEN c_owned
+            WHEN 'attached_relation' THEN format(c_attached, 'a.' || c_writable)
             WHEN 'attached_change' THEN format(c_attached, 'a.' || c_writable)
             WHEN 'attached_object' THEN format(c_attached, 'a.' || c_writable)
             ELSE c_writable END;

@@ -1,4 +1,4 @@
-"""`init`, `upgrade`, `extension`, `attach`, `detach`, `rules`, `attachments`, `share` and `protect`."""
+"""`init`, `upgrade`, `extension`, `attach`, `reattach`, `detach`, `rules`, `attachments`, `share` and `protect`."""
 
 import argparse
 import json
@@ -47,6 +47,38 @@ def extension(args: argparse.Namespace) -> int:
 
 def attach(args: argparse.Namespace) -> int:
     """Attach a table, or describe the effect."""
+    given = (args.kind, args.table, _mapped(args))
+    with database(args) as db:
+        with db.connection.transaction(force_rollback=args.dry_run), warnings_as_remarks():
+            if all(status.scene.name != args.scene for status in db.scenes()):
+                store.set_scene(db.connection, Scene(args.scene))
+            scene = db.scene(args.scene)
+            if args.dry_run:
+                _show_preview(scene.preview_attachment(*given, every_s=args.every, again=args.again))
+                return DONE
+            number = scene.attach(*given, every_s=args.every, again=args.again)
+        scene.follow()
+        _report_attachment(db, args.scene, number)
+    return DONE
+
+
+def reattach(args: argparse.Namespace) -> int:
+    """Change how a table is attached, or describe the effect."""
+    changes = _mapped(args) | dict.fromkeys(args.without)
+    with database(args) as db:
+        scene = db.scene(args.scene)
+        with warnings_as_remarks():
+            if args.dry_run:
+                _show_preview(scene.preview_reattachment(args.table, changes, to=args.to, every_s=args.every))
+                return DONE
+            number = scene.reattach(args.table, changes, to=args.to, every_s=args.every)
+        scene.follow()
+        _report_attachment(db, args.scene, number)
+    return DONE
+
+
+def _mapped(args: argparse.Namespace) -> dict[str, str]:
+    """Return the fields of all --map, and of --where."""
     mapped: dict[str, str] = {}
     for one in args.map:
         check(args, [(field in mapped, f"--map gives {field} twice") for field in one])
@@ -54,18 +86,7 @@ def attach(args: argparse.Namespace) -> int:
     if args.where is not None:
         check(args, [("where" in mapped, "--map gives where, and so does --where")])
         mapped["where"] = args.where
-    given = (args.kind, args.table, mapped)
-    with database(args) as db:
-        with db.connection.transaction(force_rollback=args.dry_run), warnings_as_remarks():
-            if all(status.scene.name != args.scene for status in db.scenes()):
-                store.set_scene(db.connection, Scene(args.scene))
-            if args.dry_run:
-                _show_preview(db.scene(args.scene).preview_attachment(*given, every_s=args.every))
-                return DONE
-            number = db.scene(args.scene).attach(*given, every_s=args.every)
-        db.scene(args.scene).follow()
-        _report_attachment(db, args.scene, number)
-    return DONE
+    return mapped
 
 
 def _show_preview(preview: store.AttachmentPreview) -> None:

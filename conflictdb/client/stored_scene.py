@@ -597,6 +597,7 @@ class StoredScene:
         mapped: Mapping[str, str],
         *,
         every_s: float | None = None,
+        again: bool = False,
     ) -> int:
         """Attach a table of this database, and return the number of the attachment.
 
@@ -615,11 +616,14 @@ class StoredScene:
         every_s : float, optional
             How often to compare all rows, seconds. By default triggers note changes; views and foreign tables, which
             have no triggers, are compared every minute.
+        again : bool, default False
+            Whether the scene may have the table already, as with another ``where``.
 
         Raises
         ------
         InvalidInput
-            The scene does not exist, or the table or the map cannot be used; nothing has been changed.
+            The scene does not exist, it has the table already, or the table or the map cannot be used; nothing has been
+            changed.
 
         Warns
         -----
@@ -627,7 +631,44 @@ class StoredScene:
             The map gives areas no times, but the table has columns that look like times.
         """
         with _notices_as_warnings(self.connection):
-            return store.attach(self.connection, self.name, str(kind), table, mapped, _interval("attach", every_s))
+            given = store.Attaching(str(kind), table, mapped, _interval("attach", every_s), again)
+            return store.attach(self.connection, self.name, given)
+
+    def reattach(
+        self,
+        table: str,
+        changes: Mapping[str, str | None] | None = None,
+        *,
+        to: str | None = None,
+        every_s: float | None = None,
+    ) -> int:
+        """Give an attached table another table, map or interval, and return the number of the attachment.
+
+        Objects, conflicts and acknowledgements stay: a row with the same key, or the same columns of the key, is the
+        same object. A table that was dropped and made again is taken by its name. Missing triggers are created, and
+        disabled ones enabled. Only for the role that attached it. The next `follow` or detection reads the rows.
+
+        Parameters
+        ----------
+        table : str
+            Name of the table that is attached, or the number of the attachment.
+        changes : mapping of str to str or None, optional
+            Fields of the map that change, as for `attach`; None removes a field.
+        to : str, optional
+            Another table, view or foreign table; by default the same.
+        every_s : float, optional
+            As for `attach`; by default as it is. An interval of 0 means triggers.
+
+        Raises
+        ------
+        InvalidInput
+            The table is not attached, several times, or it or the map cannot be used; nothing has been changed.
+        NotPermitted
+            Another role attached it.
+        """
+        with _notices_as_warnings(self.connection):
+            given = store.Reattaching(table, changes or {}, to, _interval("reattach", every_s))
+            return store.attach(self.connection, self.name, given)
 
     def preview_attachment(
         self,
@@ -636,11 +677,25 @@ class StoredScene:
         mapped: Mapping[str, str],
         *,
         every_s: float | None = None,
+        again: bool = False,
     ) -> "store.AttachmentPreview":
         """Return what `attach` would do, and the first objects; changes nothing, and raises the errors of `attach`."""
-        every = _interval("preview_attachment", every_s)
+        given = store.Attaching(str(kind), table, mapped, _interval("preview_attachment", every_s), again)
         with _notices_as_warnings(self.connection):
-            return store.preview_attachment(self.connection, self.name, str(kind), table, mapped, every)
+            return store.preview_attachment(self.connection, self.name, given)
+
+    def preview_reattachment(
+        self,
+        table: str,
+        changes: Mapping[str, str | None] | None = None,
+        *,
+        to: str | None = None,
+        every_s: float | None = None,
+    ) -> "store.AttachmentPreview":
+        """Return what `reattach` would do, and the first objects; changes nothing."""
+        given = store.Reattaching(table, changes or {}, to, _interval("preview_reattachment", every_s))
+        with _notices_as_warnings(self.connection):
+            return store.preview_attachment(self.connection, self.name, given)
 
     def detach(self, table: str, *, keep: bool = False) -> int:
         """Detach a table, and return how many objects were removed with it.

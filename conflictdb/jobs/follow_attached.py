@@ -9,7 +9,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb import store
-from conflictdb.errors import ConflictDBError
+from conflictdb.errors import ConflictDBError, LockTimeout
 
 _log = logging.getLogger(__name__)
 
@@ -27,23 +27,29 @@ def follow(
     Parameters
     ----------
     conn : psycopg connection without an open transaction
-    again : try also tables that could not be read within the last minute
+    again : try also tables that could not be read within the last minute, and wait for other sessions that follow one
     read_within_s : longest time to read a table, seconds
 
     Raises
     ------
     InvalidInput
         The scene does not exist.
+    LockTimeout
+        Another session has an attachment, or the scene.
     StoreError
         The connection is lost.
     """
     for k in range(_ROUNDS):
-        attachment_ids = store.attachments_to_follow(conn, scene, again=again and k == 0)
-        if not attachment_ids:
+        found = store.attachments_to_follow(conn, scene, again=again and k == 0)
+        if not found:
             return
-        for attachment_id in attachment_ids:
+        for attachment_id, is_moved in found:
             try:
-                error = store.follow_attachment(conn, attachment_id, read_within_s)
+                error = store.rewatch_attachment(conn, attachment_id) if is_moved else None
+                if error is None:
+                    error = store.follow_attachment(conn, attachment_id, read_within_s, waits=again)
+            except LockTimeout:  # no fault of the table, which waits for the next time
+                raise
             except ConflictDBError as failure:  # a time limit ends the transaction
                 if conn.closed:
                     raise

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     )
     from conflictdb.store.attached import (
         READ_WITHIN_S,
+        Attaching,
         Attachment,
         AttachmentPreview,
+        Reattaching,
         Unmapped,
         attach,
         attachment_failed,
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
         detach,
         follow_attachment,
         preview_attachment,
+        rewatch_attachment,
         seconds_to_comparison,
         unmapped,
     )

@@ -1,7 +1,7 @@
 """Attach tables of other schemas to scenes, detach them, follow their changes."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
@@ -19,9 +19,10 @@ from conflictdb.store.connection import (
     transaction,
 )
 
-# Limits for running a map: it must end even if another session has locked the table.
+# Limit for running a map.
 READ_WITHIN_S: Final = 600.0
-_LOCK_WITHIN: Final = "10s"
+# Objects of a preview.
+_PREVIEWED: Final = 5
 _WRONG_NAMES: Final = (
     psycopg.errors.UndefinedTable,
     psycopg.errors.InvalidName,
@@ -80,34 +81,69 @@ class AttachmentPreview:
     unmapped: list[str]
 
 
-def attach(
-    conn: psycopg.Connection[Any], scene: str, kind: str, table: str, mapped: Mapping[str, str], every: timedelta | None
-) -> int:
-    """Attach a table to a scene, in one transaction; return the number of the attachment.
+@dataclass(frozen=True, slots=True)
+class Attaching:
+    """What `attach` is given: `again` permits a table that the scene has already."""
+
+    kind: str
+    table: str
+    mapped: Mapping[str, str]
+    every: timedelta | None = None
+    again: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reattaching:
+    """What `reattach` is given: a table that is attached, by name or number, and what changes.
+
+    to, every : None: stays
+    changes : fields of the map that change; None removes one
+    """
+
+    table: str
+    changes: Mapping[str, str | None]
+    to: str | None = None
+    every: timedelta | None = None
+
+
+def attach(conn: psycopg.Connection[Any], scene: str, given: Attaching | Reattaching) -> int:
+    """Attach a table to a scene, or change how it is; return the number of the attachment. In one transaction.
 
     Raises InvalidInput, and changes nothing, if the table or the map cannot be used.
     """
     require_writable(conn)
-    with transaction(conn), _named(table):
-        return int(call(conn, "attach", scene, kind, table, Jsonb(dict(mapped)), every)[0])
+    with transaction(conn), _named(given):
+        if isinstance(given, Attaching):
+            mapped = Jsonb(dict(given.mapped))
+            return int(call(conn, "attach", scene, given.kind, given.table, mapped, given.every, given.again)[0])
+        return int(call(conn, "reattach", scene, *_changes(given))[0])
 
 
-def preview_attachment(
-    conn: psycopg.Connection[Any], scene: str, kind: str, table: str, mapped: Mapping[str, str], every: timedelta | None
-) -> AttachmentPreview:
+def preview_attachment(conn: psycopg.Connection[Any], scene: str, given: Attaching | Reattaching) -> AttachmentPreview:
     """Return what `attach` would do; changes nothing. Raises InvalidInput as `attach` does."""
     parts: dict[str, list[str]] = {"would": [], "object": [], "unmapped": []}
     require_writable(conn)
-    with transaction(conn), _named(table):
-        for part, what in call_many(conn, "preview_attachment", scene, kind, table, Jsonb(dict(mapped)), every):
+    with transaction(conn), _named(given):
+        if isinstance(given, Attaching):
+            mapped, shown = Jsonb(dict(given.mapped)), _PREVIEWED
+            found = call_many(
+                conn, "preview_attachment", scene, given.kind, given.table, mapped, given.every, shown, given.again
+            )
+        else:
+            found = call_many(conn, "preview_reattachment", scene, *_changes(given))
+        for part, what in found:
             parts[part].append(what)
     return AttachmentPreview(parts["would"], parts["object"], parts["unmapped"])
+
+
+def _changes(given: Reattaching) -> tuple[object, ...]:
+    return given.table, Jsonb(dict(given.changes)), given.to, given.every
 
 
 def detach(conn: psycopg.Connection[Any], scene: str, table: str, *, keep: bool) -> int:
     """Detach a table from a scene, in one transaction; return the number of objects removed."""
     require_writable(conn)
-    with transaction(conn), _named(table):
+    with transaction(conn), _naming(table):
         return int(call(conn, "detach", scene, table, keep)[0])
 
 
@@ -123,28 +159,45 @@ def unmapped(conn: psycopg.Connection[Any], scene: str) -> list[Unmapped]:
         return [Unmapped(**row) for row in call_by_name(conn, "_unmapped", scene)]
 
 
-def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> list[int]:
+def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> list[tuple[int, bool]]:
     """Return the attachments of a scene, made by the connected role, that have changed rows or are due for comparison.
+
+    With each, whether `rewatch_attachment` comes first.
 
     again : also those that failed within the last minute
     """
     with transaction(conn):
-        return [number for (number,) in call_many(conn, "_attachments_to_follow", scene, again)]
+        return [(number, is_moved) for number, is_moved in call_many(conn, "_attachments_to_follow", scene, again)]
+
+
+def rewatch_attachment(conn: psycopg.Connection[Any], attachment_id: int) -> str | None:
+    """Follow a table that was renamed, and create triggers that are missing, in one short transaction.
+
+    Returns why that is not possible. None also if other sessions have locked the tables: then try again.
+    """
+    require_idle(conn, "following an attached table")
+    with transaction(conn):
+        error = call(conn, "_rewatch_attached", attachment_id)[0]
+    return None if error is None else str(error)
 
 
 def follow_attachment(
-    conn: psycopg.Connection[Any], attachment_id: int, read_within_s: float = READ_WITHIN_S
+    conn: psycopg.Connection[Any], attachment_id: int, read_within_s: float = READ_WITHIN_S, *, waits: bool = True
 ) -> str | None:
     """Update the objects of an attached table's changed rows, in one transaction.
 
     Runs the table's map, so it does nothing for a table that another role attached. Returns the reason if the table
     cannot be read, else None. Raises StoreError, and changes nothing, if that takes longer than `read_within_s`.
+
+    waits : for another session that follows the table, instead of leaving it to that one
+
+    Raises LockTimeout, and changes nothing, if another session has the attachment or the scene.
     """
     require_idle(conn, "following an attached table")
     with transaction(conn):
-        limits = "SELECT set_config('statement_timeout', %s, true), set_config('lock_timeout', %s, true)"
-        conn.execute(limits.encode(), (f"{1000.0 * read_within_s:.0f}ms", _LOCK_WITHIN), prepare=False)
-        error = call(conn, "_follow_attachment", attachment_id)[-1]
+        limit = "SELECT set_config('statement_timeout', %s, true)"
+        conn.execute(limit.encode(), (f"{1000.0 * read_within_s:.0f}ms",), prepare=False)
+        error = call(conn, "_follow_attachment", attachment_id, waits)[-1]
     return None if error is None else str(error)
 
 
@@ -161,8 +214,12 @@ def seconds_to_comparison(conn: psycopg.Connection[Any]) -> float | None:
     return None if found is None else float(found)
 
 
+def _named(given: Attaching | Reattaching) -> AbstractContextManager[None]:
+    return _naming(given.table if isinstance(given, Attaching) or given.to is None else given.to)
+
+
 @contextmanager
-def _named(table: str) -> Iterator[None]:
+def _naming(table: str) -> Iterator[None]:
     """Convert the server's errors about the name of a table to InvalidInput."""
     try:
         yield

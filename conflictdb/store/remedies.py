@@ -6,6 +6,9 @@ from psycopg.errors import Diagnostic
 
 # The hints of sql/ name routines, views and functions of SQL. These replace them, by constraint.
 REMEDIES: Final = {
+    "attached_once": "`conflictdb admin reattach --scene NAME --table TABLE` changes it; --again attaches it twice.",
+    "attached_there": "`conflictdb admin reattach --scene NAME --table TABLE --to ANOTHER` takes another one.",
+    "attachment_fixed": "`conflictdb admin reattach --scene NAME --table TABLE` changes it.",
     "attached_watchable": "Give --every (every in Python), the interval at which to compare all rows instead.",
     "branch_current": "`conflictdb detect --scene BRANCH` does it.",
     "conflict_known": "`conflictdb conflicts` lists those that are.",

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f877ec03775c0318380f93612d24002d26677776c48207cf821ab0b39b940e0e"
+routines_sha256 = "d8e56294965fed1e092c2fe78525095e90010a1afd01e5716f2e626a7e11e965"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -19,9 +19,38 @@ CONFLICT_ID = """
 CREATE INDEX IF NOT EXISTS conflict_conflict_id_btree ON conflictdb.conflict (conflict_id) WHERE verdict <> 'near'
 """
 
+# The tables that an attachment watches. A dump writes a regclass as a name, or as a number if the table was dropped. A
+# table of its own: a restore into a database without these tables loses nothing else, and their names count then.
+ATTACHED_RELATION = """
+CREATE TABLE IF NOT EXISTS conflictdb.attached_relation (
+    attachment_id bigint NOT NULL
+        CONSTRAINT attached_relation_attachment_fkey REFERENCES conflictdb.attachment ON DELETE CASCADE,
+    relation regclass NOT NULL,
+    is_root boolean NOT NULL,
+    CONSTRAINT attached_relation_pkey PRIMARY KEY (attachment_id, relation)
+);
+CREATE UNIQUE INDEX IF NOT EXISTS attached_relation_root_btree
+    ON conflictdb.attached_relation (attachment_id) WHERE is_root;
+"""
+ATTACHED_RELATIONS = """
+WITH RECURSIVE tree AS (
+    SELECT a.attachment_id, c.oid AS relation, true AS is_root, a.has_triggers
+    FROM conflictdb.attachment a
+    JOIN pg_catalog.pg_namespace n ON n.nspname = a.table_schema
+    JOIN pg_catalog.pg_class c ON c.relnamespace = n.oid AND c.relname = a.table_name
+    UNION
+    SELECT t.attachment_id, i.inhrelid, false, true
+    FROM tree t JOIN pg_catalog.pg_inherits i ON i.inhparent = t.relation WHERE t.has_triggers
+)
+INSERT INTO conflictdb.attached_relation (attachment_id, relation, is_root)
+SELECT t.attachment_id, t.relation::regclass, t.is_root FROM tree t ON CONFLICT DO NOTHING
+"""
+
 
 def upgrade() -> None:
     op.execute(CONFLICT_ID)
+    op.execute(ATTACHED_RELATION)
+    op.execute(ATTACHED_RELATIONS)
 
 
 def downgrade() -> None:

@@ -641,7 +641,10 @@ def test_who_replaces_a_table_has_nothing_read(conn: Conn, roles: dict[str, str]
     assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
     assert keys(conn) == ["1"]
     with connect(conn) as db:
-        assert f"role {roles['planner']} does not own team.ops" in str(db.attachments()[0].error)
+        assert "was dropped, and another one has its name" in str(db.attachments()[0].error)
+    refused = pytest.raises(InvalidInput, match=f"role {roles['planner']} does not own team.ops")
+    with acting(conn, roles["planner"]), connect(conn) as db, refused:
+        db.scene("s").reattach("team.ops")
 
 
 def test_only_who_attaches_makes_notes(conn: Conn, roles: dict[str, str]) -> None:

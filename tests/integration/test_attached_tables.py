@@ -249,42 +249,6 @@ def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
     assert keys(db) == []
 
 
-@pytest.mark.filterwarnings("ignore:attachment of mission.day. areas are there at all times")
-def test_partitions_are_followed(db: Database) -> None:
-    """Also if a statement names a partition, and for a new partition with the next comparison."""
-    do(
-        db,
-        "CREATE TABLE mission.day (id integer, on_day date, shape geometry) PARTITION BY RANGE (on_day)",
-        "CREATE TABLE mission.day1 PARTITION OF mission.day FOR VALUES FROM ('2026-01-01') TO ('2026-02-01')",
-        "INSERT INTO mission.day VALUES (1, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
-    )
-    db.scene("s").attach("area", "mission.day", {"key": "id", "footprint": "shape"})
-    db.scene("s").follow()
-    do(
-        db,
-        "INSERT INTO mission.day1 VALUES (2, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
-        "UPDATE mission.day SET id = 3 WHERE id = 1",
-    )
-    db.scene("s").follow()
-    assert keys(db) == ["2", "3"]
-    do(
-        db,
-        "CREATE TABLE mission.day2 PARTITION OF mission.day FOR VALUES FROM ('2026-02-01') TO ('2026-03-01')",
-        "INSERT INTO mission.day2 VALUES (4, '2026-02-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
-    )
-    (one,) = db.scene("s").attachments()
-    assert "triggers are missing" in str(one.remark)
-    do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 hour'")
-    db.scene("s").follow()
-    assert keys(db) == ["2", "3", "4"]
-    do(db, "ALTER TABLE mission.day DETACH PARTITION mission.day1")
-    db.scene("s").detach("mission.day")
-    assert (
-        ask(db, "SELECT tgname FROM pg_trigger WHERE tgname LIKE 'conflictdb%' AND tgrelid::regclass::text ~ 'day'")
-        == []
-    )
-
-
 def test_a_row_that_cannot_be_mapped_says_why_and_stops_no_other(db: Database) -> None:
     do(
         db,
@@ -587,7 +551,7 @@ def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Databa
         ("name", "tableoid::regclass::text", "system columns"),
     ):
         with pytest.raises(InvalidInput, match=rule):
-            db.scene("s").attach("area", "mission.odd", {**mapped, field: wrong})
+            db.scene("s").attach("area", "mission.odd", {**mapped, field: wrong}, again=True)
     # The function that reads fixes the settings.
     db.scene("s").detach("mission.odd")
     do(
@@ -600,18 +564,18 @@ def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Databa
     assert ask(db, "SELECT lower(active_span) = '2026-03-02 06:00Z' FROM conflictdb.area") == [True]
 
 
-@pytest.mark.parametrize("harm", ["DISABLE TRIGGER ALL", "RENAME TO other", "DROP"])
+@pytest.mark.parametrize("harm", ["ALTER TABLE mission.ops DISABLE TRIGGER ALL", "DROP TABLE mission.ops"])
 def test_a_scene_is_not_current_while_changes_go_unnoticed(db: Database, harm: str) -> None:
     db.scene("s").attach("area", "mission.ops", OPS_MAP)
     db.scene("s").detect()
     assert db.scenes()[0].is_current
-    do(db, "DROP TABLE mission.ops" if harm == "DROP" else f"ALTER TABLE mission.ops {harm}")
+    do(db, harm)
     (state,) = db.scenes()
     assert not state.is_current
     with db.connection.transaction():
         remark = store.scene_state(db.connection, "s").remark
     assert "mission.ops: " in str(remark)
-    assert "detach" in str(remark)
+    assert "reattach" in str(remark)
 
 
 ORDERED = """
@@ -740,7 +704,8 @@ def test_schedules_of_rows_are_expanded_by_the_next_detection(db: Database) -> N
     assert scene.settings().horizon_days == 366.0
     scene.attach("area", "mission.ops", {**PLAIN_MAP, "schedule": "plan", "start": "lower(valid)"})
     scene.attach("track", "mission.line", {**LINE_MAP, "schedule": "plan"})
-    previewed = scene.preview_attachment("area", "mission.ops", {**PLAIN_MAP, "schedule": "plan"}).objects
+    previewed = scene.preview_reattachment("mission.ops", {"start": None}).objects
+    assert len(previewed) == 3
     assert all(json.loads(one)["properties"]["schedule"]["days"] == ["TUE"] for one in previewed)
     scene.detect()
     assert all(spans > 50 for _, spans in as_put(db, "area", "cardinality(array(SELECT unnest(activations)))"))

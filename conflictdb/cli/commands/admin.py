@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from conflictdb.cli.parser import Parser, command
-from conflictdb.cli.values import duration_s, mapping, name
+from conflictdb.cli.values import duration_s, mapping, name, seconds
 
 
 def add(commands: Any) -> None:
@@ -46,11 +46,17 @@ def _add_tables(commands: Any) -> None:
     parser = command(commands, "attach", "administration:attach", "make rows of a table objects of a scene", more)
     parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="area or track")
     _add_table(parser)
-    about = "a column or SQL expression for each field; repeatable"
-    parser.add_argument("--map", required=True, action="append", type=mapping, metavar="FIELD=COLUMN,…", help=about)
-    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows where this is true")
+    _add_map(parser, is_required=True)
     parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
-    parser.add_argument("--dry-run", action="store_true", help="print the effect, change nothing")
+    parser.add_argument("--again", action="store_true", help="although the scene has the table")
+
+    about = "change the map or name of an attached table"
+    parser = command(commands, "reattach", "administration:reattach", about, "Objects and conflicts stay.")
+    _add_table(parser)
+    parser.add_argument("--to", type=name, metavar="TABLE", help="another table (default: the same)")
+    _add_map(parser, is_required=False)
+    parser.add_argument("--without", action="append", default=[], metavar="FIELD", help="leave out of the map")
+    parser.add_argument("--every", type=seconds, metavar="DURATION", help="compare so often; 0: triggers")
 
     parser = command(commands, "detach", "administration:detach", "detach a table, and remove its objects")
     _add_table(parser)
@@ -58,6 +64,15 @@ def _add_tables(commands: Any) -> None:
 
     parser = command(commands, "attachments", "administration:attachments", "show attached tables and rows left out")
     parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
+
+
+def _add_map(parser: Parser, *, is_required: bool) -> None:
+    about = "a column or SQL expression for each field; repeatable"
+    parser.add_argument(
+        "--map", required=is_required, action="append", default=[], type=mapping, metavar="FIELD=COLUMN,…", help=about
+    )
+    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows where this is true")
+    parser.add_argument("--dry-run", action="store_true", help="print the effect, change nothing")
 
 
 def _add_table(parser: Parser) -> None:
