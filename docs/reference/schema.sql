@@ -814,6 +814,7 @@ CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING bt
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
+CREATE INDEX conflict_conflict_id_btree ON conflictdb.conflict USING btree (conflict_id) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
@@ -1221,7 +1222,7 @@ FUNCTION _compared_early(p_scene_id bigint)
 FUNCTION _conflict_as_json(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
+FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint, p_since timestamp with time zone)
     RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
