@@ -27,9 +27,12 @@ def upgrade(args: argparse.Namespace) -> int:
     with connect(args.dsn, create=True, say=note) as db:
         state = db.status()
         missing = schema.missing_grants(db.connection)
+        ungrantable = None if args.dsn is None else schema.ungrantable_roles(db.connection)
         waiting = [db.scene(one.scene.name).state() for one in state.scenes if not one.is_current]
     if missing:
         remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
+    if ungrantable:
+        remark(ungrantable)
     out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
     # An upgrade that changes answers marks every object.
     remark_incomplete(waiting)

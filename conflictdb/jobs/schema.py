@@ -499,6 +499,35 @@ def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
     return None if where is None else f"GRANT USAGE ON SCHEMA {where} TO conflictdb_reader"
 
 
+# Roles belong to the server: the administrator of another database may use them, and not grant them. CREATEROLE grants
+# all roles before PostgreSQL 16, and from then on those that its role created.
+_ROLE_ADMINISTRATORS: Final = """
+SELECT (SELECT pg_catalog.string_agg(DISTINCT pg_catalog.quote_ident(m.rolname), ', ')
+        FROM pg_catalog.pg_auth_members g JOIN pg_catalog.pg_roles m ON m.oid = g.member
+        WHERE g.admin_option AND g.roleid = 'conflictdb_worker'::regrole),
+       pg_catalog.quote_ident(current_user)
+WHERE NOT (SELECT r.rolsuper OR r.rolcreaterole AND pg_catalog.current_setting('server_version_num')::integer < 160000
+           FROM pg_catalog.pg_roles r WHERE r.rolname = current_user)
+  AND NOT (pg_has_role('conflictdb_reader', 'MEMBER WITH ADMIN OPTION')
+           AND pg_has_role('conflictdb_editor', 'MEMBER WITH ADMIN OPTION')
+           AND pg_has_role('conflictdb_worker', 'MEMBER WITH ADMIN OPTION'))
+"""
+
+
+def ungrantable_roles(conn: psycopg.Connection[Any]) -> str | None:
+    """Return why the connection's role cannot grant the roles to users, and who can; None if it can."""
+    with store.translated(), conn.transaction():
+        row = conn.execute(_ROLE_ADMINISTRATORS.encode()).fetchone()
+    if row is None:
+        return None
+    administrators, role = row
+    who = f"{administrators}, or a superuser" if administrators else "a superuser"
+    return (
+        f"the roles of conflictdb belong to the whole server, and {role} may not grant them; let {who} run: "
+        f"GRANT conflictdb_reader, conflictdb_editor, conflictdb_worker TO {role} WITH ADMIN OPTION"
+    )
+
+
 def prepare(conn: psycopg.Connection[Any]) -> None:
     """Lock out other upgrades until the transaction ends; ensure extensions, schema and search path.
 

@@ -121,6 +121,16 @@ def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhe
         schema.upgrade(conninfo.make_conninfo(elsewhere, options=f"-c role=installer_{os.getpid()}"))
         with psycopg.connect(elsewhere) as conn:
             assert schema.missing_grants(conn) == 'GRANT USAGE ON SCHEMA "My GIS" TO conflictdb_reader'
+            assert schema.ungrantable_roles(conn) is None  # a superuser
+            conn.execute(sql.SQL("SET ROLE {}").format(user))
+            said = schema.ungrantable_roles(conn)
+            assert said is not None
+            assert said.startswith("the roles of conflictdb belong to the whole server")
+            conn.execute("RESET ROLE")
+            conn.execute(said.rpartition("run: ")[2].encode())
+            conn.execute(sql.SQL("SET ROLE {}").format(user))
+            assert schema.ungrantable_roles(conn) is None
+            conn.execute("RESET ROLE")
     finally:
         with psycopg.connect(elsewhere) as conn:
             conn.execute(sql.SQL("DROP OWNED BY {}").format(user))
