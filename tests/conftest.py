@@ -27,6 +27,7 @@ _LONG = (
     "spark", "documents", "map_pictures", "map_page", "server_cluster", "load_by_parts", "upgrade", "oracle",
     "planning", "speeds", "shallow", "worker_faults", "attached_rights",
 )  # fmt: skip
+_BROWSER = "tests/browser"  # its files are one group, as they share open pages
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()
 _NUMBERS = count(1)
@@ -96,7 +97,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class Files(LoadGroupScheduling):
         def _split_scope(self, nodeid: str) -> str:
             group: str = super()._split_scope(nodeid)
-            return nodeid.split("::", 1)[0] if group == nodeid else group
+            if group != nodeid:
+                return group
+            file = nodeid.split("::", 1)[0]
+            return _BROWSER if file.startswith(f"{_BROWSER}/") else file
 
     config.option.loadscopereorder = False  # most tests are not most work
     return Files(config, log) if config.option.dist == "loadgroup" else None

@@ -51,20 +51,21 @@ def strait(dsn: str, serve: Serve) -> str:
 
 
 class OpenPages:
-    """Pages of the demo that stay open, one for each address and size, for tests that leave the scene as it is."""
+    """Pages of the demo that stay open, for tests that leave the scene as it is: one each for mice and for fingers."""
 
     def __init__(self, browser: Browser, addresses: dict[str, str], pages: ExitStack) -> None:
         self._browser = browser
         self._addresses = addresses
         self._pages = pages
-        self._open: dict[tuple[str, tuple[int, int]], tuple[Page, list[Any]]] = {}
+        self._open: dict[tuple[str, bool], tuple[Page, list[Any]]] = {}
         self.said: list[str] = []  # what they must not say
 
     def get(self, size: tuple[int, int] = (900, 600), *, scheme: str = "light", of: str = "served") -> Page:
-        """Return a page as it was when it opened, but for its colours; `of`: "served" or "file"."""
-        if (of, size) not in self._open:
-            self._open[of, size] = self._opened(of, size)
-        page, first = self._open[of, size]
+        """Return a page as it was when it opened, but for its size and colours; `of`: "served" or "file"."""
+        which = of, size == NARROW
+        if which not in self._open:
+            self._open[which] = self._opened(of, size)
+        page, first = self._open[which]
         page.unroute_all()
         page.set_viewport_size({"width": size[0], "height": size[1]})
         page.emulate_media(media="null", color_scheme=scheme, reduced_motion="reduce")

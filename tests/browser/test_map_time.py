@@ -60,7 +60,7 @@ def bars(page: Page) -> list[tuple[str, float, float]]:
 
 def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, open_page: Open) -> None:
     """Seconds of ten days are a hairline; the wheel, buttons and keys zoom in, around the instant under the pointer."""
-    page = open_page(seconds_in_days)
+    page = open_page(seconds_in_days, has_touch=True)
     expect(page.locator("#count")).to_have_text(f"{JETS} conflicts")
     whole = shown_s(page)
     assert whole == pytest.approx(10 * 86400)
@@ -117,11 +117,15 @@ def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, 
     # A filter, which redraws the bars, keeps the time range.
     page.get_by_role("combobox", name="Object").fill("JET-07")
     assert shown_s(page) == pytest.approx(whole / 2)
+    page.get_by_role("combobox", name="Object").fill("")
+    page.get_by_label("Show all time").click()
+    page.set_viewport_size({"width": 390, "height": 844})
+    wait_until(page, "conflictdbPage.timeline.width() < 390")
+    assert_two_fingers_show_less_time(page)
 
 
-def test_two_fingers_show_less_time(seconds_in_days: str, open_page: Open) -> None:
+def assert_two_fingers_show_less_time(page: Page) -> None:
     """The times under both fingers stay there; the current time does not change."""
-    page = open_page(seconds_in_days, has_touch=True, size=(390, 844))
     box = page.locator("#bars").bounding_box()
     assert box is not None
     touch = page.context.new_cdp_session(page)

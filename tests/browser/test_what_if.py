@@ -58,9 +58,23 @@ def copied(page: Page, what: str) -> str:
     return str(page.evaluate("navigator.clipboard.readText()"))
 
 
-def test_moved_track_shows_what_goes_and_what_comes(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
+def test_plans_are_moved_in_height_elsewhere_and_in_time(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
+    """One after the other on one page: the first two leave the scene as it was."""
+    page = open_page(strait, size=(1440, 900), **COPIES)
+    assert_a_plan_is_moved_in_height_proposed_applied_and_undone(page, conn, dsn)
+    leave(page)
+    assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page, conn, dsn)
+    leave(page)
+    assert_a_moved_track_shows_what_goes_and_what_comes(page, conn, dsn)
+
+
+def leave(page: Page) -> None:
+    page.keyboard.press("Escape")
+    page.get_by_role("combobox", name="Object").fill("")
+
+
+def assert_a_moved_track_shows_what_goes_and_what_comes(page: Page, conn: Conn, dsn: str) -> None:
     """By keys and by the strip; the copied SQL moves the track, and a detection finds what the page showed."""
-    page = open_page(strait, **COPIES)
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     range_ = page.get_by_role("combobox", name="Range")
@@ -114,14 +128,11 @@ def conflicts_of(dsn: str, scene: str, key: str) -> list[str]:
     return sorted(f"{one.a_key} and {one.b_key}" for one in every if key in (one.a_key, one.b_key))
 
 
-def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
-    strait: str, conn: Conn, dsn: str, open_page: Open
-) -> None:
+def assert_a_plan_is_moved_in_height_proposed_applied_and_undone(page: Page, conn: Conn, dsn: str) -> None:
     """In a branch, in the scene, and back to the bit; what is stored has the conflicts that the page showed."""
     shape = "SELECT encode(ST_AsBinary(path), 'hex'), floor_m, ceiling_m FROM conflictdb.track WHERE key = 'SUB-2'"
     before = conn.execute(shape).fetchall()
     conn.rollback()
-    page = open_page(strait, size=(1440, 900), **COPIES)
     ask(page, "DIVING and SUB-2", "SUB-2")
     said(page, "As planned: 1 conflict.")
     expect(page.get_by_role("button", name="Apply")).to_be_hidden()
@@ -154,9 +165,8 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     conn.rollback()
 
 
-def test_a_waypoint_is_dragged_with_its_conflicts_at_once(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
+def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Conn, dsn: str) -> None:
     """By keys and by the pointer; the page shows what a detection finds of the plan that it stores."""
-    page = open_page(strait, size=(1440, 900), **COPIES)
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
@@ -211,8 +221,7 @@ def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
 
 def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:
     """Drag it south by 120 pixels of the same map."""
-    page.keyboard.press("Escape")
-    page.get_by_role("combobox", name="Object").fill("")
+    leave(page)
     ask(page, conflict, key)
     said(page, "As planned: 3 conflicts.")
     page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
