@@ -113,6 +113,47 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether all rows of an attachment were compared within its interval.';
 
+-- A reader that waits for a scene (wait_until_current) asks for a comparison of its views. It can write nothing that
+-- another session sees before it has waited, so it takes an advisory lock, which nobody waits for.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._wait_class() RETURNS integer
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 1668244323; -- arbitrary
+END;
+COMMENT ON FUNCTION _wait_class() IS 'First key of the advisory locks of sessions that wait for a scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._wait_number(p_scene_id bigint) RETURNS integer
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Two scenes of one number: one is compared more often.
+    SELECT (p_scene_id % 2147483647)::integer;
+END;
+COMMENT ON FUNCTION _wait_number(bigint) IS 'Second key of the advisory locks of sessions that wait for a scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_awaited(p_attachment attachment) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- At most once a second, and for half of the time.
+    SELECT NOT p_attachment.has_triggers
+           AND coalesce(p_attachment.compared_at
+                        < now() - make_interval(secs => greatest(1, 2 * p_attachment.comparison_s)), true)
+           AND EXISTS (SELECT FROM pg_catalog.pg_locks l
+                       WHERE l.locktype = 'advisory' AND l.classid = _wait_class()::oid
+                         AND l.objid = _wait_number(p_attachment.scene_id)::oid AND l.objsubid = 2
+                         AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
+                                           WHERE d.datname = current_database()));
+END;
+COMMENT ON FUNCTION _is_awaited(attachment) IS
+'Whether a session waits for the scene of an attachment without triggers, whose last comparison is not quite new.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_due(p_attachment attachment) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT NOT _is_compared(p_attachment) OR _is_awaited(p_attachment);
+END;
+COMMENT ON FUNCTION _is_due(attachment) IS 'Whether all rows of an attachment are to be compared.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._has_just_failed(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -139,7 +180,7 @@ BEGIN
         FROM attachment a CROSS JOIN LATERAL (SELECT _is_moved(a) AS is_moved OFFSET 0) m
         WHERE a.scene_id = _scene_id(p_scene) AND _is_mine(a.attachment_id)
           AND (p_try_again OR NOT _has_just_failed(a))
-          AND (NOT _is_compared(a) OR m.is_moved
+          AND (_is_due(a) OR m.is_moved
                OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
                OR EXISTS (SELECT FROM _drifted_objects(a.attachment_id)))
         ORDER BY a.attachment_id;

@@ -110,7 +110,7 @@ BEGIN
         RETURN;
     END IF;
     SELECT coalesce(array_agg(c.attached_change_id), '{}'),
-           NOT _is_compared(v_attachment) OR coalesce(bool_or(c.identities IS NULL), false)
+           _is_due(v_attachment) OR coalesce(bool_or(c.identities IS NULL), false)
         INTO v_change_ids, v_is_full FROM attached_change c WHERE c.attachment_id = p_attachment_id;
     -- All rows at once; if that fails, one by one, so that one failing row does not stop the others.
     FOREACH v_how IN ARRAY ARRAY['rows', 'carefully'] LOOP
@@ -136,7 +136,9 @@ BEGIN
     END LOOP;
     IF error IS NULL THEN
         UPDATE attachment a SET failed_at = NULL, error = NULL,
-                                compared_at = CASE WHEN v_is_full THEN now() ELSE a.compared_at END
+                                compared_at = CASE WHEN v_is_full THEN now() ELSE a.compared_at END,
+                                comparison_s = CASE WHEN v_is_full THEN extract(epoch FROM clock_timestamp() - now())
+                                                    ELSE a.comparison_s END
             WHERE a.attachment_id = p_attachment_id;
     ELSE
         PERFORM _attachment_failed(p_attachment_id, error);
@@ -179,6 +181,16 @@ COMMENT ON FUNCTION follow_attached(text) IS
 
 -- If changes of a table may be missed, its scene is not current.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._last_run_s(p_scene_id bigint) RETURNS double precision
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- From the times of its stages: its start is an instant of another machine.
+    SELECT coalesce((SELECT coalesce(r.pieces_s, 0) + coalesce(r.stage1_s, 0) + coalesce(r.stage2_s, 0)
+                            + coalesce(r.stage3_s, 0) + coalesce(r.stage4_s, 0) + coalesce(r.write_s, 0)
+                     FROM run r WHERE r.scene_id = p_scene_id ORDER BY r.run_id DESC LIMIT 1), 0);
+END;
+COMMENT ON FUNCTION _last_run_s(bigint) IS 'Seconds that the last detection of a scene took; 0: there was none.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._attachment_remark(p_attachment attachment) RETURNS text
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -192,9 +204,11 @@ BEGIN
         WHEN v_problems && '{parts,unwatched}'
             THEN format('partitions or triggers changed, which role %I has not followed yet: run a worker as that role,'
                         ' or follow_attached(scene)', v_role)
-        -- Twice the interval: the role's sessions compare as soon as it is due.
+        -- Twice the interval: the role's sessions compare as soon as it is due, but not during a detection.
         WHEN NOT p_attachment.has_triggers AND (p_attachment.compared_at IS NULL
-                 OR p_attachment.compared_at < now() - 2 * p_attachment.every - interval '10 s')
+                 OR p_attachment.compared_at < now() - 2 * p_attachment.every - interval '10 s'
+                                               - 2 * make_interval(secs => coalesce(p_attachment.comparison_s, 0)
+                                                                           + _last_run_s(p_attachment.scene_id)))
             THEN format('was compared last at %s: run a worker as role %I, or follow_attached(scene) every %s',
                         coalesce(p_attachment.compared_at::text, 'no time'), v_role, p_attachment.every)
         WHEN v_role <> current_user AND EXISTS (SELECT FROM attached_change q

@@ -40,6 +40,17 @@ COMMENT ON FUNCTION _attached_waiting(bigint) IS
 'Number of rows of attached tables of a scene whose changes are not applied yet; a change of a whole table counts as '
 'one.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._views_compared_at(p_scene_id bigint) RETURNS timestamptz
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN (SELECT min(coalesce(a.compared_at, '-infinity')) FROM attachment a
+            WHERE NOT a.has_triggers AND a.scene_id = ANY (_layers(p_scene_id)));
+END
+$$;
+COMMENT ON FUNCTION _views_compared_at(bigint) IS
+'Earliest last comparison of the attachments of a scene, and of its parent, that have no triggers: -infinity if one '
+'was never compared; null if there is none.';
+
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
        s.nearest_m,
@@ -53,12 +64,15 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
        s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
        lower(_expanded(s.scene_id)) AS expanded_from, upper(_expanded(s.scene_id)) AS expanded_until,
-       p.name AS branch_of, s.vertical_datum
+       p.name AS branch_of, s.vertical_datum, nullif(_views_compared_at(s.scene_id), '-infinity') AS compared_at
 FROM scene s
 LEFT JOIN scene p ON p.scene_id = s.parent_scene_id
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
 
+COMMENT ON COLUMN scenes.compared_at IS
+'Up to when its attached views, and other tables without triggers, were compared (the earliest of them): is_current '
+'says nothing about later changes behind them. Null: it has none, or one was never compared.';
 COMMENT ON COLUMN scenes.branch_of IS
 'Name of the scene that this one is a branch of: it has the objects of that scene, but for those it has edited; null: '
 'it is no branch.';
@@ -165,7 +179,8 @@ COMMENT ON COLUMN queue.last_error IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
-    OUT is_current boolean, OUT remark text, OUT detected_at timestamptz
+    OUT is_current boolean, OUT remark text, OUT detected_at timestamptz, OUT compared_at timestamptz,
+    OUT detection_helps boolean
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -174,8 +189,9 @@ DECLARE
     v_waiting bigint;
     v_unmapped bigint;
 BEGIN
-    SELECT v.pending, v.last_run_at, v.last_error, v.is_current, v.unmapped
-        INTO pending, last_run_at, last_error, is_current, v_unmapped FROM scenes v WHERE v.scene = p_scene;
+    SELECT v.pending, v.last_run_at, v.last_error, v.is_current, v.unmapped, v.compared_at
+        INTO pending, last_run_at, last_error, is_current, v_unmapped, compared_at FROM scenes v
+        WHERE v.scene = p_scene;
     SELECT r.finished_at, r.objects INTO detected_at, objects FROM run r
         WHERE r.scene_id = v_scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
     -- Counting takes 0.4 s in a scene of a million objects; no object changed since the last run of a current scene.
@@ -198,47 +214,72 @@ BEGIN
         'an attached table cannot be read: ' || (SELECT a.error FROM attachment a WHERE a.scene_id = v_scene_id
                                                  AND a.error IS NOT NULL ORDER BY a.failed_at DESC LIMIT 1),
         'the last detection failed: ' || last_error), '');
+    -- A detection follows only tables of its own role.
+    detection_helps := NOT is_current
+        AND (v_waiting > 0 OR detected_at IS NULL OR v_attached = 0 AND NOT EXISTS (
+                 SELECT FROM attachment a
+                 WHERE a.scene_id = ANY (_layers(v_scene_id)) AND _attachment_remark(a) IS NOT NULL)
+             OR EXISTS (SELECT FROM attachment a
+                        WHERE a.scene_id = ANY (_layers(v_scene_id)) AND _is_mine(a.attachment_id)
+                          AND (_is_due(a) OR _is_moved(a)
+                               OR EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id))));
 END
 $$;
 COMMENT ON FUNCTION _scene_state(text) IS
 'State of a scene as in the view scenes; remark: what is wrong in words (null: nothing); detected_at: end of the last '
-'successful detection (null: none). Raises ZC010 for an unknown name.';
+'successful detection (null: none); detection_helps: whether a detection by the current role makes it more current. '
+'Raises ZC010 for an unknown name.';
 
 CREATE OR REPLACE FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT interval '1 minute')
 RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_pause_s CONSTANT double precision := 0.1;
+    v_called_at timestamptz := clock_timestamp();
     v_until timestamptz := _end_of_wait(p_timeout);
     v_who text := format('scene %L', p_scene);
+    v_scene_id bigint := _scene_or_branch(p_scene);
 BEGIN
-    -- Each turn sees what other sessions have committed, including removal of the scene.
-    WHILE NOT _is_current(_scene_or_branch(p_scene)) LOOP
-        IF current_setting('transaction_isolation') <> 'read committed' THEN
-            FOUND := _raise('ZC013', v_who, 'transaction',
-                            format('is %s: it sees one state of the database until it ends, and would wait in vain',
-                                   upper(current_setting('transaction_isolation'))),
-                            'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
-        END IF;
-        IF pg_current_xact_id_if_assigned() IS NOT NULL
-           AND EXISTS (SELECT FROM change m JOIN scene s USING (scene_id)
-                       WHERE s.name = p_scene AND m.changed_at = now()
-                       UNION ALL
-                       SELECT FROM attached_change q JOIN attachment a USING (attachment_id)
-                       JOIN scene s USING (scene_id)
-                       WHERE s.name = p_scene AND q.changed_at = now()) THEN
-            FOUND := _raise('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
-                            'until it is committed', 'wait_sees_committed', 'Commit first.');
-        END IF;
-        IF clock_timestamp() >= v_until THEN
-            FOUND := _raise('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
-                            (SELECT s.remark FROM _scene_state(p_scene) s)), 'scene_current_in_time',
-                            'Is a worker running? Did the last run of the scene fail?');
-        END IF;
-        PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
-    END LOOP;
+    BEGIN
+        -- Asks for comparisons (_is_awaited). The lock is given back with the block.
+        PERFORM pg_advisory_xact_lock_shared(_wait_class(), _wait_number(l.scene_id))
+            FROM unnest(_layers(v_scene_id)) l (scene_id)
+            WHERE EXISTS (SELECT FROM attachment a WHERE a.scene_id = l.scene_id AND NOT a.has_triggers);
+        -- Each turn sees what other sessions have committed, including removal of the scene.
+        WHILE NOT _is_current(_scene_or_branch(p_scene))
+              OR _views_compared_at(v_scene_id) NOT BETWEEN v_called_at AND clock_timestamp() LOOP
+            IF current_setting('transaction_isolation') <> 'read committed' THEN
+                FOUND := _raise('ZC013', v_who, 'transaction',
+                                format('is %s: it sees one state of the database until it ends, and would wait in vain',
+                                       upper(current_setting('transaction_isolation'))),
+                                'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
+            END IF;
+            IF pg_current_xact_id_if_assigned() IS NOT NULL
+               AND EXISTS (SELECT FROM change m JOIN scene s USING (scene_id)
+                           WHERE s.name = p_scene AND m.changed_at = now()
+                           UNION ALL
+                           SELECT FROM attached_change q JOIN attachment a USING (attachment_id)
+                           JOIN scene s USING (scene_id)
+                           WHERE s.name = p_scene AND q.changed_at = now()) THEN
+                FOUND := _raise('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
+                                'until it is committed', 'wait_sees_committed', 'Commit first.');
+            END IF;
+            IF clock_timestamp() >= v_until THEN
+                FOUND := _raise('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout, coalesce(
+                                (SELECT s.remark FROM _scene_state(p_scene) s),
+                                format('its views were compared last at %s, before the call',
+                                       _views_compared_at(v_scene_id)))), 'scene_current_in_time',
+                                'Is a worker running? Did the last run of the scene fail?');
+            END IF;
+            PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
+        END LOOP;
+        RAISE EXCEPTION USING ERRCODE = 'ZC999';
+    EXCEPTION WHEN SQLSTATE 'ZC999' THEN
+        NULL;
+    END;
 END
 $$;
 COMMENT ON FUNCTION wait_until_current(text, interval) IS
-'Waits until nothing of a scene waits for detection. Raises ZC014 after p_timeout (null: waits without limit), and '
-'ZC013 in a transaction that cannot see the result.';
+'Waits until nothing of a scene waits for detection, and its views have been compared since the call: workers compare '
+'them at once. Raises ZC014 after p_timeout (null: waits without limit), and ZC013 in a transaction that cannot see '
+'the result.';

@@ -149,7 +149,7 @@ BEGIN ATOMIC
                  coalesce(q.changed_at, CASE WHEN _is_compared(a) THEN now() ELSE a.compared_at + a.every END), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
           WHERE CASE WHEN _has_just_failed(a) OR NOT _is_mine(a.attachment_id) THEN false
-                     ELSE q.attachment_id IS NOT NULL OR NOT _is_compared(a) OR _is_moved(a) END
+                     ELSE q.attachment_id IS NOT NULL OR _is_due(a) OR _is_moved(a) END
           UNION ALL
           SELECT b.scene_id, now(), 0 FROM scene b WHERE b.parent_scene_id IS NOT NULL AND _is_behind_parent(b.scene_id)
               AND EXISTS (SELECT FROM scene p WHERE p.scene_id = b.parent_scene_id)

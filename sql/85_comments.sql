@@ -288,6 +288,7 @@ COMMENT ON COLUMN attachment.has_triggers IS 'Whether triggers record changes of
 COMMENT ON COLUMN attachment.every IS 'Interval between comparisons of all rows.';
 COMMENT ON COLUMN attachment.attached_at IS 'When it was attached.';
 COMMENT ON COLUMN attachment.compared_at IS 'When all rows were last compared; null: never.';
+COMMENT ON COLUMN attachment.comparison_s IS 'Seconds that the last comparison of all rows took; null: never.';
 COMMENT ON COLUMN attachment.failed_at IS 'When reading it last failed; null if the last attempt succeeded.';
 COMMENT ON COLUMN attachment.error IS 'Why reading it failed; null if the last attempt succeeded.';
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
-from conflictdb.cli.output import as_called, binary, data, out, remark
+from conflictdb.cli.output import as_called, binary, data, note, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
 from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats.conflict_gpx import position_of
@@ -98,6 +98,8 @@ def remark_incomplete(states: Iterable[SceneState]) -> None:
     for state in states:
         if state.remark:
             remark(f"{state.scene}: {state.remark if state.is_current else _incomplete(state)}")
+        elif state.compared_at is not None:
+            note(f"{state.scene}: views as of {moment_text(state.compared_at, up=False)} UTC")
 
 
 def require_current(args: argparse.Namespace, state: SceneState) -> None:
@@ -112,7 +114,7 @@ def listed(state: SceneState) -> int:
 
 
 def _incomplete(state: SceneState) -> str:
-    if state.is_beyond_horizon:
+    if not state.detection_helps:
         return f"not complete: {state.remark}"
     return f"not complete: {state.remark} (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
 

@@ -101,7 +101,7 @@ def as_geojson(
     That is a conflict's region, else its first contact; of a closest approach the line between the nearest points. The
     foreign member `scenes` says of each scene of a database whether this is all.
     """
-    names = ("scene", "is_current", "objects", "pending", "last_run_at", "last_error", "detected_at")
+    names = ("scene", "is_current", "objects", "pending", "last_run_at", "last_error", "detected_at", "compared_at")
     scenes = [{name: _plain(getattr(state, name)) for name in names} for state in states]
     member = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
     yield f'{{ "type": "FeatureCollection",{member}\n  "features": ['

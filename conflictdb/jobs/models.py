@@ -227,6 +227,7 @@ class SceneStateRow(Base):
     expanded_until: Mapped[datetime | None]
     branch_of: Mapped[str | None]
     vertical_datum: Mapped[str]
+    compared_at: Mapped[datetime | None]
 
 
 class ConflictEventRow(Base):

@@ -354,6 +354,8 @@ class SceneState:
     remark : the problem in words; None if there is none
     detected_at : end of its last successful detection; None: it was never detected
     is_beyond_horizon : whether the answer concerns times for which schedules are not expanded; then it is not current
+    compared_at : up to when attached views, and other tables without triggers, were compared; None: it has none
+    detection_helps : whether a detection by this role makes it more current
     """
 
     scene: str
@@ -365,6 +367,8 @@ class SceneState:
     remark: str | None
     detected_at: datetime | None = None
     is_beyond_horizon: bool = False
+    compared_at: datetime | None = None
+    detection_helps: bool = True
 
     def _repr_html_(self) -> str:
         from conflictdb.model import notebook

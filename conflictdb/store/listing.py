@@ -146,7 +146,7 @@ def state_within(conn: psycopg.Connection[Any], state: SceneState, spans: Iterab
     if beyond is None:
         return state
     remark = "; ".join(filter(None, (state.remark, beyond)))
-    return replace(state, is_current=False, remark=remark, is_beyond_horizon=True)
+    return replace(state, is_current=False, remark=remark, is_beyond_horizon=True, detection_helps=False)
 
 
 def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d8e56294965fed1e092c2fe78525095e90010a1afd01e5716f2e626a7e11e965"
+routines_sha256 = "c5b1ea89cf75bcf0dae58936a5461f9ad0a8d8ce6bf96e125e86286d6757fd0e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -45,12 +45,14 @@ WITH RECURSIVE tree AS (
 INSERT INTO conflictdb.attached_relation (attachment_id, relation, is_root)
 SELECT t.attachment_id, t.relation::regclass, t.is_root FROM tree t ON CONFLICT DO NOTHING
 """
+COMPARISON_S = "ALTER TABLE conflictdb.attachment ADD COLUMN IF NOT EXISTS comparison_s double precision"
 
 
 def upgrade() -> None:
     op.execute(CONFLICT_ID)
     op.execute(ATTACHED_RELATION)
     op.execute(ATTACHED_RELATIONS)
+    op.execute(COMPARISON_S)
 
 
 def downgrade() -> None:

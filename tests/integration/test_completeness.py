@@ -54,6 +54,7 @@ def test_a_scene_that_was_never_detected_is_not_an_empty_one(run: Run, command: 
             "last_run_at": None,
             "last_error": None,
             "detected_at": None,
+            "compared_at": None,
         }
     ]
     run("detect", "--scene", "strait")

@@ -94,6 +94,8 @@ WRITES = {
     "undo_proposal": "SELECT conflictdb.apply_proposal({p}, true); SELECT conflictdb.undo_proposal({p}, true)",
     "attach": f"SELECT conflictdb.attach('{{s}}', 'area', '{{schema}}.ops', '{MAP}')",
     "preview_attachment": f"SELECT * FROM conflictdb.preview_attachment('{{s}}', 'area', '{{schema}}.ops', '{MAP}')",
+    "preview_reattachment": "SELECT * FROM conflictdb.preview_reattachment('{s}', '{schema}.fix')",
+    "reattach": "SELECT conflictdb.reattach('{s}', '{schema}.fix')",
     "follow_attached": "SELECT * FROM conflictdb.follow_attached('{s}')",
     "put_rule": "SELECT conflictdb.put_rule('{s}', 'ferry', 'tug', 500)",
     "remove_rule": "SELECT conflictdb.remove_rule('{s}', 'ferry', 'tug')",
