@@ -161,23 +161,28 @@ COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
 'returned (all pieces are recomputed, or row-level security is active), it deletes none: copy the new pieces into the '
 'temporary table made_piece and call _compare_pieces.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_of(
-    p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry,
-    p_shapes geometry, p_cuts timestamptz[]
-) RETURNS TABLE (part integer, hull geometry, span tstzrange, shape geometry)
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_of(p_row piece) RETURNS SETOF piece
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT n.part, n.hull,
-           CASE WHEN p_cuts IS NULL THEN p_span
-                ELSE tstzrange(p_cuts[n.nr], p_cuts[n.nr + 1],
-                               CASE WHEN n.nr < cardinality(p_parts) OR upper_inc(p_span) THEN '[]' ELSE '[)' END) END,
-           coalesce(n.shape, p_shape)
-    FROM ROWS FROM (unnest(coalesce(p_parts, ARRAY[p_part])), ST_Dump(coalesce(p_hulls, p_hull)), ST_Dump(p_shapes))
+    -- All columns, in their order; without the arrays of bundles, which a CTE would copy.
+    SELECT (p_row).piece_id, (p_row).scene_id, (p_row).object_kind, (p_row).object_id, (p_row).version, n.part,
+           (p_row).turn, n.hull,
+           CASE WHEN (p_row).cuts IS NULL THEN (p_row).span
+                ELSE tstzrange((p_row).cuts[n.nr], (p_row).cuts[n.nr + 1],
+                               CASE WHEN n.nr < cardinality((p_row).parts) OR upper_inc((p_row).span) THEN '[]'
+                                    ELSE '[)' END) END AS span,
+           (p_row).floor_m, (p_row).ceiling_m, coalesce(n.shape, (p_row).shape), (p_row).leg_start, (p_row).leg_end,
+           (p_row).start_lon_deg, (p_row).start_lat_deg, (p_row).end_lon_deg, (p_row).end_lat_deg,
+           (p_row).bearing_deg, (p_row).shape_to, 1, NULL::integer[], NULL::geometry, NULL::geometry,
+           NULL::timestamptz[], NULL::timestamptz[], NULL::double precision[], (p_row).climb, (p_row).class_number,
+           (p_row).owner_number
+    FROM ROWS FROM (unnest(coalesce((p_row).parts, ARRAY[(p_row).part])),
+                    ST_Dump(coalesce((p_row).hulls, (p_row).hull)), ST_Dump((p_row).shapes))
          WITH ORDINALITY n (part, hull_path, hull, shape_path, shape, nr);
 END;
-COMMENT ON FUNCTION _pieces_of(
-    integer, geometry, tstzrange, geometry, integer[], geometry, geometry, timestamptz[]) IS
-'Returns the pieces of a row of table piece: itself, or all pieces of a bundle. Inlined into queries.';
+COMMENT ON FUNCTION _pieces_of(piece) IS
+'Returns the pieces of a row of table piece, without their motion: itself, or all pieces of a bundle. Inlined into '
+'queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._widened(p_span tstzrange, p_by_s double precision) RETURNS tstzrange
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE

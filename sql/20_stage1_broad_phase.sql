@@ -27,26 +27,52 @@ COMMENT ON FUNCTION _pieces_may_meet(piece, piece, double precision, jsonb) IS
 'row costs more.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._given_piece(
-    p_number bigint, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision,
-    p_turn integer
+    p_number bigint, p_kind smallint, p_object_id bigint, p_class bigint, p_owner bigint, p_part integer,
+    p_turn integer, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS SETOF piece
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE ROWS 1
 BEGIN ATOMIC
     -- All columns, in their order.
-    SELECT p_number AS piece_id, NULL::bigint AS scene_id, 0::smallint AS object_kind, 0::bigint AS object_id,
-           NULL::bigint AS version, NULL::integer AS part, p_turn::smallint AS turn, p_hull AS hull, p_span AS span,
+    SELECT p_number AS piece_id, NULL::bigint AS scene_id, p_kind AS object_kind, p_object_id AS object_id,
+           NULL::bigint AS version, p_part AS part, p_turn::smallint AS turn, p_hull AS hull, p_span AS span,
            p_floor_m AS floor_m, p_ceiling_m AS ceiling_m, NULL::geometry AS shape, NULL::timestamptz AS leg_start,
            NULL::timestamptz AS leg_end, NULL::double precision AS start_lon_deg,
            NULL::double precision AS start_lat_deg, NULL::double precision AS end_lon_deg,
            NULL::double precision AS end_lat_deg, NULL::double precision AS bearing_deg, NULL::geometry AS shape_to,
            1 AS pieces, NULL::integer[] AS parts, NULL::geometry AS hulls, NULL::geometry AS shapes,
            NULL::timestamptz[] AS cuts, NULL::timestamptz[] AS leg_times, NULL::double precision[] AS legs,
-           NULL::double precision[] AS climb, 0::bigint AS class_number, 0::bigint AS owner_number;
+           NULL::double precision[] AS climb, p_class AS class_number, p_owner AS owner_number;
 END;
 COMMENT ON FUNCTION _given_piece(
-    bigint, geometry, tstzrange, double precision, double precision, integer) IS
-'A piece that is not stored, as a row for _pieces_may_meet, without class and owner; piece_id: p_number. Inlined into '
-'queries.';
+    bigint, smallint, bigint, bigint, bigint, integer, integer, geometry, tstzrange, double precision,
+    double precision) IS
+'A piece that is not stored, as a row for _pieces_may_meet; piece_id: p_number. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._given_pieces(
+    p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[],
+    p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[],
+    p_ceilings_m double precision[]
+) RETURNS SETOF piece
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_srid integer := (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+                       FROM scene s WHERE s.scene_id = p_scene_id);
+BEGIN
+    RETURN QUERY
+        SELECT f.*
+        FROM unnest(p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m,
+                    p_ceilings_m) WITH ORDINALITY
+             u (kind, class, owner, turn, hull, start_us, end_us, is_inclusive, floor_m, ceiling_m, n)
+        CROSS JOIN LATERAL _given_piece(
+            u.n, u.kind, NULL, u.class, u.owner, NULL, u.turn, ST_GeomFromWKB(u.hull, v_srid),
+            tstzrange(_instant_of(u.start_us), _instant_of(u.end_us), CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END),
+            u.floor_m, u.ceiling_m) f;
+END
+$$;
+COMMENT ON FUNCTION _given_pieces(
+    bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[], double precision[],
+    double precision[]) IS
+'Pieces of plans that the client has cut, as rows for _pieces_may_meet; piece_id counts them from 1.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._object_number(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE sql IMMUTABLE PARALLEL SAFE

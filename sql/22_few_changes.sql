@@ -222,7 +222,7 @@ BEGIN
                    ST_YMin(u.hull) AS low_y, ST_YMax(u.hull) AS high_y
             FROM unnest(v_met) n
             CROSS JOIN LATERAL (SELECT p.* FROM piece p WHERE p.piece_id = n OFFSET 0) p
-            CROSS JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) u
+            CROSS JOIN LATERAL _pieces_of((p.*)::piece) u
         )
         SELECT count(*), array_agg(m.a) FILTER (WHERE m.meets), array_agg(m.b) FILTER (WHERE m.meets),
                array_agg(m.a_part) FILTER (WHERE m.meets), array_agg(m.b_part) FILTER (WHERE m.meets)

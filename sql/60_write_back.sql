@@ -55,9 +55,8 @@ BEGIN
                         FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) o
                         JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
                             ON _pieces_may_meet(o, p, v_within_s, NULL)
-                        CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                      o.cuts) a
-                        JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) b
+                        CROSS JOIN LATERAL _pieces_of((o.*)::piece) a
+                        JOIN LATERAL _pieces_of((p.*)::piece) b
                             ON b.hull && a.hull
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
@@ -71,9 +70,8 @@ BEGIN
                         FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) o
                         JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
                             ON _pieces_may_meet(o, p, v_within_s, NULL)
-                        CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes,
-                                                      o.cuts) a
-                        JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) b
+                        CROSS JOIN LATERAL _pieces_of((o.*)::piece) a
+                        JOIN LATERAL _pieces_of((p.*)::piece) b
                             ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s)
                         WHERE p_periods && _shared_span(a.span, b.span, v_within_s)
                         OFFSET 0) m

@@ -283,70 +283,6 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'Closest approaches of one object of a scene to others.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
-    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision,
-    p_shape geometry DEFAULT NULL
-) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    -- Hulls are padded by half of tolerance plus separation, at their own scale. The other half is added here, at the
-    -- largest scale (metres of the plane per metre) that the geometry reaches. Tries all turns of the geometry. Heights
-    -- are padded by half of the vertical separation, to the micrometre. Pieces have closed ends if the scene says so.
-    WITH plane AS MATERIALIZED (
-        SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
-               2 * pi() * _radius_m(s.earth) AS turn_m,
-               s.tolerance_m + greatest(s.separation_m, r.separation_m) AS wanted_m,
-               _longest_time_s(p_scene_id) AS within_s,
-               CASE WHEN greatest(s.vertical_separation_m, r.vertical_m) > 0
-                    THEN greatest(s.vertical_separation_m, r.vertical_m) / 2 + 1e-6 ELSE 0 END AS half_m,
-               s.intervals = 'closed' AS is_closed,
-               CASE s.intervals WHEN 'closed' THEN tstzrange(lower(p_span), upper(p_span), '[]')
-                                ELSE p_span END AS span,
-               CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
-                             ELSE p_geometry END AS given
-        FROM scene s
-        -- The largest distance of any rule: what is asked about has no class.
-        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
-                    WHERE r.scene_id = p_scene_id) r
-        WHERE s.scene_id = p_scene_id
-    ), given AS MATERIALIZED (
-        SELECT p.*, coalesce(p_shape, _to_plane(p.given, p.plane)) AS shape FROM plane p
-    ), wide AS MATERIALIZED (
-        -- Rhumb lines: s as in span_m of the Mercator plane (conflictdb/earth/mercator.py), the reach of a distance.
-        SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
-                    * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
-        FROM given g
-    ), probed AS MATERIALIZED (
-        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m, p.within_s, p.span, p.is_closed,
-               1e-6 + CASE
-                   WHEN p.motion = 'great_circle' THEN
-                       0.505 * p.wanted_m
-                       * (1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), p.shape) / p.turn_m) ^ 2)
-                   WHEN p.s < 1 THEN p.turn_m / (2 * pi()) * (p.s + (pi() / 2 - 1) * p.s ^ 3)
-                   ELSE p.turn_m / (2 * pi()) * (pi() / 2 + (1.5 * pi() - 2) * ln(p.s))
-               END AS pad_m
-        FROM wide p CROSS JOIN generate_series(-1, 1) turn
-        WHERE turn = 0 OR p.motion = 'rhumb'
-    ), boxed AS MATERIALIZED (
-        SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box, _widened(g.span, g.within_s) AS wide_span,
-               coalesce(p_floor_m, '-infinity') - g.half_m AS floor_m,
-               -- The ceiling of closed intervals belongs to them: the next number.
-               CASE WHEN g.is_closed THEN h.ceiling_m + 1.2e-16 * greatest(abs(h.ceiling_m), 1e-100)
-                    ELSE h.ceiling_m END AS ceiling_m
-        FROM probed g CROSS JOIN LATERAL (SELECT coalesce(p_ceiling_m, 'infinity') + g.half_m AS ceiling_m) h
-    )
-    SELECT o.object_kind, o.object_id, o.version, _shared_span(p.span, g.span, g.within_s),
-           ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
-    FROM boxed g
-    CROSS JOIN LATERAL _given_piece(0, g.box, g.wide_span, g.floor_m, g.ceiling_m, 0) q
-    JOIN piece o ON o.scene_id = p_scene_id AND _pieces_may_meet(q, o, 0, NULL)
-    CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE p.hull && g.box AND p.span && g.wide_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
-END;
-COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision, geometry) IS
-'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
-'two heights (metres; null: unbounded). p_shape: the geometry in the scene''s plane; null: not projected yet.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._window(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -382,162 +318,45 @@ COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
 'Conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods overlap a '
 'span (null: unbounded).';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
-    p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[],
-    p_high_lon double precision[], p_high_lat double precision[]
-) RETURNS boolean
--- Not LANGUAGE sql, which would be planned at each call.
-LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
-BEGIN
-    -- On great circles the sides of an object w wide rise above it by at most half of sin(2 lat) (sec(w / 2) - 1).
-    -- Objects wider than 90 degrees, and those near a pole, are always near. Corners grow at most 115 times as fast as
-    -- sides (conflictdb.model.outlines.FASTEST_TIP).
-    RETURN (
-        SELECT o.is_wide OR EXISTS (
-            SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
-            CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
-            WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
-              AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
-        FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
-                     n.east - n.west > 90 OR n.highest + n.north_deg > 85 AS is_wide
-              FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
-                           ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
-                           0.001 + degrees(0.5 * (1 / cosd(least(ST_XMax(p_shape) - ST_XMin(p_shape), 90) / 2) - 1))
-                           + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o);
-END
-$$;
-COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
-                               double precision[]) IS
-'Whether a footprint or path (longitude and latitude), with p_reach_m metres around it, may reach one of some boxes in '
-'degrees; true if in doubt.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._pending_near(
-    p_scene_id bigint, p_span tstzrange, p_low_lon double precision[], p_low_lat double precision[],
-    p_high_lon double precision[], p_high_lat double precision[]
-) RETURNS TABLE (object_kind smallint, object_id bigint)
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    WITH pending AS MATERIALIZED (
-        SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
-    )
-    SELECT n.object_kind, n.object_id
-    FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-    WHERE n.object_kind = 0
-      AND (a.schedule IS NOT NULL OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && p_span)
-      AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
-    UNION ALL
-    SELECT n.object_kind, n.object_id
-    FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
-    WHERE n.object_kind = 1
-      -- Tolerances are reach in time and place, and departures are times, that pieces alone know.
-      AND (t.tolerances IS NOT NULL OR t.schedule IS NOT NULL OR t.departures IS NOT NULL
-           OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
-              && p_span
-              AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
-                                     + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
-                             p_low_lon, p_low_lat, p_high_lon, p_high_lat));
-END;
-COMMENT ON FUNCTION _pending_near(bigint, tstzrange, double precision[], double precision[], double precision[],
-                                  double precision[]) IS
-'Objects of a scene whose pieces are still to be made, and that may reach one of some boxes in degrees during a span.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled_near(
-    p_scene_id bigint, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[],
-    p_high_lat double precision[]
-) RETURNS TABLE (object_kind smallint, object_id bigint, key text)
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT 0::smallint, a.area_id, a.key FROM area a
-    WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
-      AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
-    UNION ALL
-    SELECT 1::smallint, t.track_id, t.key FROM track t
-    WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
-      AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
-                             + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
-                     p_low_lon, p_low_lat, p_high_lon, p_high_lat);
-END;
-COMMENT ON FUNCTION _scheduled_near(bigint, double precision[], double precision[], double precision[],
-                                    double precision[]) IS
-'Objects of a scene with a schedule that may ever reach one of some boxes in degrees: a question looks further than '
-'their pieces.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
-    p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision,
-    OUT east double precision, OUT north double precision
-)
-LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
-DECLARE
-    -- As _box_deg of conflictdb/store/admissions.py.
-    v_wide double precision := ST_XMax(p_place) - ST_XMin(p_place);
-    v_up double precision := 0.001 + degrees(0.5 * (1 / cosd(least(v_wide, 90) / 2) - 1)) + p_reach_m / 110000;
-    v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;
-    v_across double precision;
-    v_home double precision := 360 * round((ST_XMin(p_place) + ST_XMax(p_place)) / 720);
-BEGIN
-    IF v_wide > 90 OR v_highest > 85 THEN
-        west := '-infinity';
-        south := '-infinity';
-        east := 'infinity';
-        north := 'infinity';
-        RETURN;
-    END IF;
-    v_across := v_up / cosd(v_highest);
-    west := ST_XMin(p_place) - v_across - v_home;
-    south := ST_YMin(p_place) - v_up;
-    east := ST_XMax(p_place) + v_across - v_home;
-    north := ST_YMax(p_place) + v_up;
-END
-$$;
-COMMENT ON FUNCTION _box_deg(geometry, double precision) IS
-'Degrees within which a place and p_reach_m metres around it lie, whatever its lines are; infinite for places that are '
-'wide, or near a pole.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._are_above(
-    p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean
-) RETURNS boolean
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT CASE WHEN p_floor_m IS NULL OR p_ceiling_m IS NULL THEN false
-                WHEN p_apart_m > 0 THEN p_floor_m - p_ceiling_m > p_apart_m + 1e-5
-                WHEN p_is_closed THEN p_floor_m > p_ceiling_m
-                ELSE p_floor_m >= p_ceiling_m END;
-END;
-COMMENT ON FUNCTION _are_above(double precision, double precision, double precision, boolean) IS
-'Whether heights from a floor are certainly above a ceiling, by a vertical separation if one is required; null: no '
-'limit. Inlined into queries.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._pending_probed(
+CREATE OR REPLACE FUNCTION conflictdb_internal._met_by_place(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
-) RETURNS TABLE (object_kind smallint, object_id bigint, span tstzrange)
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    WITH given AS MATERIALIZED (
-        SELECT b.*, s.intervals = 'closed' AS is_closed, _longest_time_s(p_scene_id) AS within_s,
-               greatest(s.vertical_separation_m, r.vertical_m) AS apart_m,
-               tstzrange(lower(p_span), upper(p_span), '[]') AS span
-        FROM scene s
-        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
-                    WHERE r.scene_id = p_scene_id) r
-        CROSS JOIN LATERAL _box_deg(p_geometry, s.tolerance_m + greatest(s.separation_m, r.separation_m)) b
-        WHERE s.scene_id = p_scene_id
-    )
-    SELECT n.object_kind, n.object_id,
-           CASE WHEN a.schedule IS NULL AND t.tolerances IS NULL AND t.schedule IS NULL AND t.departures IS NULL
-                THEN coalesce(a.active_span,
-                              tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path))),
-                                        to_timestamp(ST_M(ST_EndPoint(t.path))), '[]'), tstzrange(NULL, NULL))
-                ELSE tstzrange(NULL, NULL) END * p_span
-    FROM given g
-    CROSS JOIN LATERAL _pending_near(p_scene_id, _widened(g.span, g.within_s), ARRAY[g.west], ARRAY[g.south],
-                                     ARRAY[g.east], ARRAY[g.north]) n
-    LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
-    LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
-    WHERE NOT _are_above(p_floor_m, coalesce(a.ceiling_m, t.ceiling_m), g.apart_m, g.is_closed)
-      AND NOT _are_above(coalesce(a.floor_m, t.floor_m), p_ceiling_m, g.apart_m, g.is_closed);
-END;
-COMMENT ON FUNCTION _pending_probed(bigint, geometry, tstzrange, double precision, double precision) IS
-'Objects of a scene whose pieces are still to be made, and that a place might meet; span: when.';
+) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+SET jit = off AS $$
+DECLARE
+    v_within_s double precision := _longest_time_s(p_scene_id);
+    v_wanted_m double precision := _wanted_m(p_scene_id);
+    v_place geometry := p_geometry;
+BEGIN
+    SELECT _near_centre(p_geometry, s.centre_lon, s.centre_lat) INTO v_place
+        FROM scene s WHERE s.scene_id = p_scene_id AND s.motion = 'great_circle';
+    RETURN QUERY
+        WITH given AS MATERIALIZED (
+            -- Of no class: compared with all.
+            SELECT r.*, (r.rough).span FROM _rough_pieces_at(
+                p_scene_id, v_wanted_m, ARRAY[0::smallint], ARRAY[NULL::bigint], ARRAY[0::bigint], ARRAY[0::bigint],
+                ARRAY[true], ARRAY[coalesce(v_place, p_geometry)], ARRAY[0::double precision],
+                ARRAY[tstzmultirange(p_span)], ARRAY[p_floor_m], ARRAY[p_ceiling_m]) r
+        )
+        SELECT p.object_kind, p.object_id, p.version, _shared_span(u.span, g.span, v_within_s),
+               ST_Intersection(u.hull, ST_Buffer(g.shape, 1.01 * g.padding_m))
+        FROM given g
+        JOIN piece p ON _pieces_may_meet(g.rough, p, v_within_s, NULL) AND p.scene_id = p_scene_id
+        CROSS JOIN LATERAL _pieces_of(p) u
+        WHERE _pieces_may_meet(g.rough, u, v_within_s, NULL) AND _hulls_meet(u.hull, g.shape, g.padding_m)
+          AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
+                          AND c.object_id = p.object_id AND NOT c.is_covered)
+        UNION ALL
+        SELECT u.object_kind, u.object_id, 9223372036854775807, _shared_span(u.span, g.span, v_within_s), NULL
+        FROM _uncut_pieces(p_scene_id, v_wanted_m, false,
+                           _widened(tstzrange(lower(p_span), upper(p_span), '[]'), v_within_s)) u
+        JOIN given g ON _pieces_may_meet(g.rough, u, v_within_s, NULL);
+END
+$$;
+COMMENT ON FUNCTION _met_by_place(bigint, geometry, tstzrange, double precision, double precision) IS
+'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
+'two heights (metres; null: unbounded), and rough pieces of objects that changed since, without region.';
 
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
@@ -548,18 +367,11 @@ BEGIN ATOMIC
     SELECT coalesce(a.key, t.key), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END, n.spans, n.region
     FROM (SELECT x.object_kind, x.object_id, x.version, range_agg(x.span) AS spans,
                  ST_Union(_part_from_plane(x.region, s.plane)) AS region
-          FROM _pieces_near(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
-                            p_ceiling_m) x
+          FROM _met_by_place(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
+                             p_ceiling_m) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                       WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
-          WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = _scene_id(p_scene)
-                            AND c.object_kind = x.object_kind AND c.object_id = x.object_id AND NOT c.is_covered)
-          GROUP BY x.object_kind, x.object_id, x.version
-          UNION ALL
-          SELECT w.object_kind, w.object_id, 9223372036854775807,
-                 CASE WHEN isempty(w.span) THEN '{}' ELSE tstzmultirange(w.span) END, NULL
-          FROM _pending_probed(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
-                               p_ceiling_m) w) n
+          GROUP BY x.object_kind, x.object_id, x.version) n
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
     WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
@@ -593,12 +405,10 @@ BEGIN ATOMIC
                                 AND _pieces_may_meet((a.*)::piece, o, s.within_s, s.rules) OFFSET 0) b
           -- MATERIALIZED: unpack each row once per pair of rows, not once per piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
-                                  SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
-                                                                        a.hulls, a.shapes, a.cuts) o
+                                  SELECT o.hull, o.span FROM _pieces_of((a.*)::piece) o
                                   WHERE o.hull && b.hull AND o.span && _widened(b.span, s.within_s)
                               ), n AS MATERIALIZED (
-                                  SELECT o.hull, o.span FROM _pieces_of(b.part, b.hull, b.span, b.shape, b.parts,
-                                                                        b.hulls, b.shapes, b.cuts) o
+                                  SELECT o.hull, o.span FROM _pieces_of((b.*)::piece) o
                                   WHERE o.hull && a.hull AND o.span && _widened(a.span, s.within_s)
                               )
                               SELECT _shared_span(m.span, n.span, s.within_s) AS span,

@@ -203,8 +203,8 @@ BEGIN
                      _shared_span(m.span, n.span, v_within_s) AS span,
                      _hulls_meet(m.hull, n.hull) AS meets, num_nonnulls(o.climb, p.climb) > 0 AS climbs
               FROM piece o JOIN piece p ON _pieces_may_meet(o, p, v_within_s, NULL)
-              CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
-              JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
+              CROSS JOIN LATERAL _pieces_of(o) m
+              JOIN LATERAL _pieces_of(p) n
                   ON n.hull && m.hull AND n.span && _widened(m.span, v_within_s) AND _boxes_meet(n.hull, m.hull)
               WHERE o.scene_id + 0 = ANY (v_layers) AND o.object_kind = a.kind AND o.object_id = a.id
                 AND p.scene_id + 0 = ANY (v_layers) AND p.object_kind = b.kind AND p.object_id = b.id) m;

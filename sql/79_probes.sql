@@ -12,50 +12,45 @@ COMMENT ON FUNCTION _instant_of(bigint) IS
 'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_meeting(
-    p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
-    p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
+    p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_classes bigint[], p_owners bigint[],
+    p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
+    p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint, part integer)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces the index join, as in _candidates.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 SET jit = off AS $$
 DECLARE
-    v_srid integer := (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
-                       FROM scene s WHERE s.scene_id = p_scene_id);
+    v_allowed jsonb := _allowed_types(p_scene_id);
 BEGIN
     RETURN QUERY
         WITH near AS MATERIALIZED (
-            SELECT q.piece_id AS n, q.hull, q.span, p.piece_id, p.pieces, p.object_kind, p.object_id
-            FROM (SELECT f.*
-                  FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
-                       WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n)
-                  CROSS JOIN LATERAL _given_piece(
-                      u.n, ST_GeomFromWKB(u.wkb, v_srid),
-                      tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
-                                CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END), u.floor_m, u.ceiling_m, u.turn) f
-                  OFFSET 0) q
-            JOIN piece p ON _pieces_may_meet((q.*)::piece, p, 0, NULL) AND p.scene_id = p_scene_id
+            SELECT q.given, p.piece_id, p.pieces, p.object_kind, p.object_id
+            FROM (SELECT g AS given
+                  FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
+                                     p_inclusive, p_floors_m, p_ceilings_m) g OFFSET 0) q
+            JOIN piece p ON _pieces_may_meet(q.given, p, 0, v_allowed) AND p.scene_id = p_scene_id
             WHERE NOT EXISTS (SELECT FROM area a
                               WHERE p.object_kind = 0 AND a.area_id = p.object_id AND a.key = p_key)
               AND NOT EXISTS (SELECT FROM track t
                               WHERE p.object_kind = 1 AND t.track_id = p.object_id AND t.key = p_key)
         )
-        SELECT m.n - 1, m.piece_id, m.pieces, _object_number(m.object_kind, m.object_id), u.part
+        SELECT (m.given).piece_id - 1, m.piece_id, m.pieces, _object_number(m.object_kind, m.object_id), u.part
         FROM near m
         CROSS JOIN (SELECT coalesce(sum(c.pieces), 0) <= p_most_compared AS is_few FROM near c) f
-        LEFT JOIN LATERAL (SELECT u.part FROM piece p
-                           CROSS JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes,
-                                                         p.cuts) u
-                           WHERE f.is_few AND p.piece_id = m.piece_id AND u.hull && m.hull AND u.span && m.span
-                             AND _boxes_meet(u.hull, m.hull) AND _hulls_meet(u.hull, m.hull) OFFSET 0) u ON true
+        LEFT JOIN LATERAL (SELECT u.part FROM piece p CROSS JOIN LATERAL _pieces_of(p) u
+                           WHERE f.is_few AND p.piece_id = m.piece_id AND _pieces_may_meet(m.given, u, 0, NULL)
+                             AND _boxes_meet(u.hull, (m.given).hull) AND _hulls_meet(u.hull, (m.given).hull)
+                           OFFSET 0) u ON true
         WHERE NOT f.is_few OR u.part IS NOT NULL;
 END
 $$;
-COMMENT ON FUNCTION _pieces_meeting(bigint, bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
-                                    double precision[], integer[]) IS
-'Stages 1 and 2 for pieces that are not stored: pairs of a given piece (n, from 0) and a piece (row and part) of the '
-'scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of pieces are to be '
-'compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
+COMMENT ON FUNCTION _pieces_meeting(
+    bigint, bigint, text, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[],
+    double precision[], double precision[]) IS
+'Stages 1 and 2 for pieces that are not stored (_given_pieces): pairs of a given piece (n, from 0) and a piece (row '
+'and part) of the scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of '
+'pieces are to be compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 RETURNS TABLE (kind smallint, id bigint, key text, name text)

@@ -119,10 +119,9 @@ COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 'Objects of a scene that have one of some keys, or an owner (null: none).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
-    p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
-    p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[],
-    p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[], p_from_us bigint,
-    p_until_us bigint
+    p_scene_id bigint, p_wanted_m double precision, p_from_us bigint, p_until_us bigint, p_kinds smallint[],
+    p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
+    p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text, is_stale boolean)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
@@ -130,57 +129,71 @@ SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off S
 SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
 SET jit = off AS $$
 DECLARE
-    v_srid integer := (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
-                       FROM scene s WHERE s.scene_id = p_scene_id);
-    v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
-                         FROM unnest(p_starts_us, p_ends_us) u (s, e));
+    v_allowed jsonb := _allowed_types(p_scene_id);
     v_is_beyond boolean := coalesce((
         SELECT _instant_of(p_from_us) < lower(s.expanded) OR _instant_of(p_until_us) > upper(s.expanded)
         FROM scene s WHERE s.scene_id = p_scene_id), false);
 BEGIN
     RETURN QUERY
-        WITH near AS (
-            SELECT DISTINCT p.object_kind, p.object_id
-            FROM (SELECT f.*
-                  FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
-                       WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n)
-                  CROSS JOIN LATERAL _given_piece(
-                      u.n, ST_GeomFromWKB(u.wkb, v_srid),
-                      tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
-                                CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END), u.floor_m, u.ceiling_m, u.turn) f
-                  OFFSET 0) q
-            JOIN piece p ON _pieces_may_meet((q.*)::piece, p, 0, NULL) AND p.scene_id = p_scene_id
-        ), others AS MATERIALIZED (
-            SELECT n.object_kind, n.object_id
-            FROM _pending_near(p_scene_id, v_span, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n
+        WITH given AS MATERIALIZED (
+            SELECT g AS piece
+            FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
+                               p_inclusive, p_floors_m, p_ceilings_m) g
+        ), uncut AS MATERIALIZED (
+            SELECT u AS piece
+            FROM (SELECT range_merge(range_agg((g.piece).span)) AS span FROM given g) w
+            CROSS JOIN LATERAL _uncut_pieces(p_scene_id, p_wanted_m, v_is_beyond, w.span) u
+        ), near AS (
+            SELECT p.object_kind, p.object_id
+            FROM given g JOIN piece p ON _pieces_may_meet(g.piece, p, 0, v_allowed) AND p.scene_id = p_scene_id
             UNION
-            SELECT n.object_kind, n.object_id
-            FROM _scheduled_near(p_scene_id, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n WHERE v_is_beyond
+            SELECT (u.piece).object_kind, (u.piece).object_id
+            FROM given g JOIN uncut u ON _pieces_may_meet(g.piece, u.piece, 0, v_allowed)
         )
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner,
                a.schedule IS NOT NULL AND (v_is_beyond OR a.activations IS NULL)
         FROM near n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
-        UNION
+        UNION ALL
         SELECT 1::smallint, t.track_id, t.key, t.name, t.owner,
                t.schedule IS NOT NULL AND (v_is_beyond OR t.departures IS NULL)
-        FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1
-        UNION
-        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner,
-               a.schedule IS NOT NULL AND (v_is_beyond OR a.activations IS NULL)
-        FROM others n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
-        UNION
-        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner,
-               t.schedule IS NOT NULL AND (v_is_beyond OR t.departures IS NULL)
-        FROM others n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
+        FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
 END
 $$;
 COMMENT ON FUNCTION _objects_near(
-    bigint, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], integer[],
-    double precision[], double precision[], double precision[], double precision[], bigint, bigint) IS
-'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
-'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces. If '
-'schedules are not expanded from p_from_us until p_until_us (microseconds; 9e18 and more: no limit), also all objects '
-'with a schedule that may reach a box. is_stale: the schedule must be expanded for that time.';
+    bigint, double precision, bigint, bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[],
+    boolean[], double precision[], double precision[]) IS
+'Objects of a scene that given pieces (_given_pieces) may meet, by the pieces of the last detection, or by rough '
+'pieces if they changed since. If schedules are not expanded from p_from_us until p_until_us (microseconds; 9e18 and '
+'more: no limit), also objects with a schedule that may ever be there. p_wanted_m: as of _rough_padding_m. is_stale: the '
+'schedule must be expanded for that time.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled_near(
+    p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[],
+    p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[],
+    p_ceilings_m double precision[]
+) RETURNS TABLE (key text)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_allowed jsonb := _allowed_types(p_scene_id);
+BEGIN
+    RETURN QUERY
+        WITH uncut AS MATERIALIZED (
+            SELECT u AS piece FROM _uncut_pieces(p_scene_id, _wanted_m(p_scene_id), true, '(,)') u
+        ), near AS (
+            SELECT DISTINCT (u.piece).object_kind, (u.piece).object_id
+            FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
+                               p_inclusive, p_floors_m, p_ceilings_m) g
+            JOIN uncut u ON _pieces_may_meet(g, u.piece, 0, v_allowed)
+        )
+        SELECT k.key FROM near n
+        CROSS JOIN LATERAL _keys_of(p_scene_id, ARRAY[n.object_kind], ARRAY[n.object_id]) k;
+END
+$$;
+COMMENT ON FUNCTION _scheduled_near(
+    bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[], double precision[],
+    double precision[]) IS
+'Keys of the objects of a scene that given pieces (_given_pieces) may meet at some time, by rough pieces: of those '
+'with a schedule, and those that changed since the last detection.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._span_of(p_text text) RETURNS tstzrange
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -73,201 +73,82 @@ END
 $$;
 COMMENT ON FUNCTION _check_plans(jsonb) IS 'Raises ZC016 or ZC007 for plans that admit could not read.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._places_of(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-RETURNS TABLE (
-    kind smallint, id bigint, place geometry, span tstzrange, floor_m double precision, ceiling_m double precision
-)
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET enable_seqscan = off SET jit = off AS $$
-BEGIN
-    RETURN QUERY
-        SELECT 0::smallint, a.area_id, a.footprint::geometry, a.active_span, a.floor_m, a.ceiling_m
-        FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n AND a.scene_id + 0 = p_scene_id;
-    RETURN QUERY
-        -- A box of degrees per leg. No place is known of legs that are wide, and of tracks with more than a path.
-        SELECT 1::smallint, t.track_id,
-               CASE WHEN b.west > '-infinity' AND num_nonnulls(t.outlines, t.tolerances, t.departures, t.schedule) = 0
-                         AND t.grow_mps = 0 AND t.floors_m IS NULL AND t.ceilings_m IS NULL
-                    THEN ST_MakeEnvelope(b.west, b.south, b.east, b.north, 4326) END,
-               tstzrange(to_timestamp(ST_M(l.start)) - interval '1 s', to_timestamp(ST_M(l.finish)) + interval '1 s'),
-               t.floor_m, t.ceiling_m
-        FROM unnest(p_track_ids) n JOIN track t ON t.track_id = n AND t.scene_id + 0 = p_scene_id
-        CROSS JOIN LATERAL (SELECT ST_PointN(t.path, k) AS start, ST_PointN(t.path, k + 1) AS finish
-                            FROM generate_series(1, ST_NPoints(t.path) - 1) k) l
-        CROSS JOIN LATERAL _box_deg(ST_MakeLine(l.start, l.finish),
-                                    ST_MaxDistance(ST_MakePoint(0, 0), t.outline)) b;
-END
-$$;
-COMMENT ON FUNCTION _places_of(bigint, bigint[], bigint[]) IS
-'Where and when objects of a scene are: areas as they are, and for each leg of a track a box that contains it, null if '
-'it is not known.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange)
+CREATE OR REPLACE FUNCTION conflictdb_internal._met_by_plans(
+    p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[]
+) RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, periods tstzmultirange)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 -- Planning takes as long as the rest: once per session. No bitmaps, as in _objects_near.
 SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
 SET enable_bitmapscan = off SET jit = off AS $$
 DECLARE
-    v_scene record;
-    v_kinds smallint[];
-    v_ids bigint[];
-    v_places geometry[];
-    v_spans tstzrange[];
-    v_floors_m double precision[];
-    v_ceilings_m double precision[];
+    v_within_s double precision := _longest_time_s(p_scene_id);
+    v_wanted_m double precision := _wanted_m(p_scene_id);
+    v_apart_m double precision := 2 * _half_vertical_m(p_scene_id);
     v_allowed jsonb := _allowed_types(p_scene_id);
+    v_scene record;
 BEGIN
-    SELECT s.*, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane,
-           2 * pi() * _radius_m(s.earth) AS turn_m, s.intervals = 'closed' AS is_closed,
-           s.tolerance_m + greatest(s.separation_m, r.separation_m) AS wanted_m,
-           greatest(s.vertical_separation_m, r.vertical_m) AS apart_m, _longest_time_s(p_scene_id) AS within_s
-        INTO v_scene
-        FROM scene s
-        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
-                    WHERE r.scene_id = p_scene_id) r
-        WHERE s.scene_id = p_scene_id;
-    SELECT array_agg(p.kind), array_agg(p.id), array_agg(p.place), array_agg(p.span), array_agg(p.floor_m),
-           array_agg(p.ceiling_m)
-        INTO v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m
-        FROM _places_of(p_scene_id, p_area_ids, p_track_ids) p;
-    IF array_position(v_places, NULL) IS NOT NULL THEN
-        -- It may meet anything.
-        RETURN QUERY SELECT v_kinds[1], v_ids[1], NULL::smallint, NULL::bigint, NULL::tstzrange;
-        RETURN;
-    END IF;
+    SELECT s.method = 'exact' AND v_within_s = 0 AS may_decide, s.tolerance_m,
+           _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, 2 * pi() * _radius_m(s.earth) AS turn_m
+        INTO v_scene FROM scene s WHERE s.scene_id = p_scene_id;
     RETURN QUERY
         WITH given AS MATERIALIZED (
-            SELECT u.kind, u.id, u.place, u.floor_m, u.ceiling_m, u.span,
-                   tstzrange(lower(u.span), upper(u.span), '[]') AS closed_span,
-                   u.shape, u.leg
-            FROM unnest(v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m,
-                        _each_to_plane(v_places, v_scene.plane)) WITH ORDINALITY
-                 u (kind, id, place, span, floor_m, ceiling_m, shape, leg)
-        ), scaled AS MATERIALIZED (
-            -- Metres of the plane per metre, at most.
-            SELECT g.*, CASE v_scene.motion
-                       WHEN 'rhumb' THEN 1.01 * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape)))
-                                                     / v_scene.turn_m)
-                       ELSE 1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), g.shape) / v_scene.turn_m) ^ 2 END
-                       AS scale
+            SELECT r.*, (r.rough).object_kind AS kind, (r.rough).object_id AS id
+            FROM _rough_pieces(p_scene_id, v_wanted_m, p_area_ids, p_track_ids) r
+        ), uncut AS MATERIALIZED (
+            SELECT r.*
+            FROM (SELECT array_agg(DISTINCT u.object_id) FILTER (WHERE u.object_kind = 0) AS area_ids,
+                         array_agg(DISTINCT u.object_id) FILTER (WHERE u.object_kind = 1) AS track_ids
+                  FROM (SELECT range_merge(range_agg((g.rough).span)) AS span FROM given g) w
+                  CROSS JOIN LATERAL _uncut_pieces(p_scene_id, v_wanted_m, false, _widened(w.span, v_within_s)) u
+                  JOIN given g ON _pieces_may_meet(g.rough, u, v_within_s, v_allowed)
+                  WHERE u.object_id <> ALL (CASE u.object_kind WHEN 0 THEN p_area_ids ELSE p_track_ids END)) o
+            CROSS JOIN LATERAL _rough_pieces(p_scene_id, v_wanted_m, o.area_ids, o.track_ids) r
+        ), near AS (
+            SELECT g.rough, g.shape, u AS other,
+                   ST_SetSRID(ST_Translate(u.shape, u.turn * v_scene.turn_m, 0), ST_SRID(g.shape)) AS other_shape
             FROM given g
-        ), box AS MATERIALIZED (
-            SELECT array_agg(b.west) AS west, array_agg(b.south) AS south, array_agg(b.east) AS east,
-                   array_agg(b.north) AS north,
-                   range_merge(range_agg(_widened(g.closed_span, v_scene.within_s))) AS span
-            FROM given g CROSS JOIN LATERAL _box_deg(g.place, v_scene.wanted_m) b
-        ), detected AS (
-            SELECT DISTINCT g.kind, g.id, p.object_kind, p.object_id
-            FROM given g
-            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m, g.shape) p
-            -- Of most objects the last detection knows the present pieces.
-            WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
+            JOIN piece p ON _pieces_may_meet(g.rough, p, v_within_s, v_allowed) AND p.scene_id = p_scene_id
+            CROSS JOIN LATERAL _pieces_of(p) u
+            WHERE _pieces_may_meet(g.rough, u, v_within_s, v_allowed) AND _hulls_meet(u.hull, g.shape, g.padding_m)
+              -- Of most objects the last detection knows the present pieces.
+              AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
                               AND c.object_id = p.object_id AND NOT c.is_covered)
-        ), pending AS MATERIALIZED (
-            SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
-        ), pending_area AS MATERIALIZED (
-            SELECT n.object_id
-            FROM box b CROSS JOIN pending n
-            JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-            WHERE n.object_kind = 0
-              AND (a.schedule IS NOT NULL
-                   OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && b.span)
-              AND _lies_near(a.footprint, 0, b.west, b.south, b.east, b.north)
-        ), pending_track AS MATERIALIZED (
-            SELECT n.object_id
-            FROM box b CROSS JOIN pending n
-            JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
-            WHERE n.object_kind = 1
-              AND (t.tolerances IS NOT NULL OR t.schedule IS NOT NULL OR t.departures IS NOT NULL
-                   OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1),
-                                to_timestamp(ST_M(ST_EndPoint(t.path)) + 1)) && b.span
-                      AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
-                                             + 115 * t.grow_mps
-                                               * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
-                                     b.west, b.south, b.east, b.north))
-        ), mine AS (
-            SELECT 0::smallint AS kind, a.area_id AS id, _word_number(a.class) AS class, _word_number(a.owner) AS owner
-            FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n
             UNION ALL
-            SELECT 1::smallint, t.track_id, _word_number(t.class), _word_number(t.owner)
-            FROM unnest(p_track_ids) n JOIN track t ON t.track_id = n
-        ), near_area AS (
-            SELECT n.kind, n.id, NULL::bigint AS leg, n.object_id, false AS is_pending
-            FROM detected n WHERE n.object_kind = 0
+            SELECT g.rough, g.shape, u.rough, u.shape
+            FROM given g
+            JOIN uncut u ON _pieces_may_meet(g.rough, u.rough, v_within_s, v_allowed)
+                            AND _hulls_meet(u.shape, g.shape, u.padding_m + g.padding_m)
             UNION ALL
-            SELECT g.kind, g.id, g.leg, n.object_id, true
-            FROM pending_area n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-            CROSS JOIN given g
-            WHERE a.schedule IS NOT NULL
-                  OR CASE WHEN v_scene.is_closed OR v_scene.within_s > 0
-                          THEN g.closed_span && _widened(tstzrange(lower(a.active_span), upper(a.active_span), '[]'),
-                                                         v_scene.within_s)
-                          ELSE g.span && a.active_span END
-                     AND NOT _are_above(g.floor_m, a.ceiling_m, v_scene.apart_m, v_scene.is_closed)
-                     AND NOT _are_above(a.floor_m, g.ceiling_m, v_scene.apart_m, v_scene.is_closed)
-        ), near_chunk AS MATERIALIZED (
-            -- As in _each_to_plane, after all that needs no shape. Without a join, whose rows a nested loop would
-            -- compare with all others.
-            SELECT array_agg(n.kind) AS kinds, array_agg(n.id) AS ids, array_agg(n.leg) AS legs,
-                   array_agg(n.object_id) AS object_ids, array_agg(n.is_pending) AS are_pending, count(*) AS size,
-                   CASE v_scene.motion WHEN 'great_circle'
-                        THEN ST_Transform(ST_Collect(array_agg(n.footprint)), _globe(), v_scene.plane) END AS shapes
-            FROM (SELECT n.*, a.footprint::geometry AS footprint, row_number() OVER () AS nth
-                  FROM near_area n JOIN mine m ON m.kind = n.kind AND m.id = n.id
-                  JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-                  WHERE (n.kind <> 0 OR n.object_id <> n.id)
-                    -- Two plans once.
-                    AND (n.object_id <> ALL (p_area_ids) OR n.kind = 1 OR n.id < n.object_id)
-                    AND _are_compared(m.kind, m.class, m.owner, 0::smallint, _word_number(a.class),
-                                      _word_number(a.owner), v_allowed)) n
-            GROUP BY n.nth / 64
-        ), near_shape AS (
-            SELECT c.kinds[k] AS kind, c.ids[k] AS id, c.legs[k] AS leg, c.object_ids[k] AS object_id,
-                   c.are_pending[k] AS is_pending, ST_GeometryN(c.shapes, k::integer) AS shape
-            FROM near_chunk c CROSS JOIN generate_series(1, c.size) k
-        ), near_track AS (
-            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
-            UNION
-            SELECT g.kind, g.id, n.object_id FROM pending_track n CROSS JOIN given g
+            SELECT g.rough, g.shape, h.rough, h.shape
+            FROM given g
+            JOIN given h ON (g.kind, g.id) < (h.kind, h.id)
+                            AND _pieces_may_meet(g.rough, h.rough, v_within_s, v_allowed)
+                            AND _hulls_meet(h.shape, g.shape, h.padding_m + g.padding_m)
         )
-        SELECT DISTINCT n.kind, n.id, 1::smallint, n.object_id, NULL::tstzrange
-        FROM near_track n JOIN mine m ON m.kind = n.kind AND m.id = n.id
-        JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
-        WHERE (n.kind <> 1 OR n.object_id <> n.id)
-          AND _are_compared(m.kind, m.class, m.owner, 1::smallint, _word_number(t.class), _word_number(t.owner),
-                            v_allowed)
-        UNION ALL
-        SELECT n.kind, n.id, 0::smallint, n.object_id, x.period
-        FROM near_shape n JOIN scaled g ON g.kind = n.kind AND g.id = n.id AND (n.leg IS NULL OR n.leg = g.leg)
-        JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-        CROSS JOIN LATERAL (
-            SELECT CASE WHEN s.may_decide AND bool_or(s.is_deep) THEN s.shared END AS period
-            FROM (SELECT g.closed_span * tstzrange(lower(a.active_span), upper(a.active_span), '[]') AS shared,
-                         v_scene.method = 'exact' AND v_scene.within_s = 0 AND n.kind = 0
-                         AND num_nonnulls(a.activations, a.schedule) = 0
-                         AND NOT EXISTS (SELECT FROM area m WHERE m.area_id = n.id AND m.activations IS NOT NULL)
-                         AND (v_scene.is_closed OR g.span && a.active_span)
-                         AND NOT _are_above(g.floor_m, a.ceiling_m, 0, v_scene.is_closed)
-                         AND NOT _are_above(a.floor_m, g.ceiling_m, 0, v_scene.is_closed) AS may_decide,
-                         -- A disc of the tolerance's radius fits in what they share: deeper than the tolerance.
-                         ST_Intersects(g.shape, o.shape)
-                         AND NOT ST_IsEmpty(ST_Buffer(ST_Intersection(g.shape, o.shape),
-                                                      -1.02 * g.scale * v_scene.tolerance_m - 1e-5)) AS is_deep,
-                         -- The scale is known for a kilometre around.
-                         v_scene.wanted_m > 1000
-                         OR ST_DWithin(g.shape, o.shape, 1.02 * g.scale * v_scene.wanted_m + 1e-5) AS is_near
-                  FROM (SELECT ST_Translate(coalesce(n.shape, _to_plane(a.footprint, v_scene.plane)),
-                                            turn * v_scene.turn_m, 0) AS shape
-                        FROM generate_series(-1, 1) turn WHERE turn = 0 OR v_scene.motion = 'rhumb' OFFSET 0) o) s
-            WHERE s.is_near OR NOT n.is_pending
-            GROUP BY s.may_decide, s.shared) x;
+        SELECT n.a_kind, n.a_id, n.b_kind, n.b_id,
+               range_agg(tstzrange(lower(n.span), upper(n.span), '[]')) FILTER (WHERE n.is_certain)
+        FROM (SELECT (m.rough).object_kind AS a_kind, (m.rough).object_id AS a_id, (m.other).object_kind AS b_kind,
+                     (m.other).object_id AS b_id, (m.rough).span * (m.other).span AS span,
+                     v_scene.may_decide AND (m.rough).object_kind + (m.other).object_kind = 0
+                     AND (m.rough).part >= 0 AND (m.other).part >= 0
+                     AND _pieces_may_meet(i, m.other, 0, v_allowed)
+                     AND _areas_overlap(m.shape, m.other_shape,
+                                        2 * _rough_padding_m(_out_m(m.shape, v_scene.plane), 0, v_scene.tolerance_m,
+                                                             v_scene.plane) + 1e-5)
+                     AS is_certain
+              FROM near m
+              -- Heights that overlap without any vertical separation.
+              CROSS JOIN LATERAL _given_piece(
+                  NULL, (m.rough).object_kind, (m.rough).object_id, (m.rough).class_number, (m.rough).owner_number,
+                  (m.rough).part, (m.rough).turn, (m.rough).hull, (m.rough).span, (m.rough).floor_m + v_apart_m,
+                  (m.rough).ceiling_m - v_apart_m) i) n
+        GROUP BY n.a_kind, n.a_id, n.b_kind, n.b_id;
 END
 $$;
-COMMENT ON FUNCTION _meetings(bigint, bigint[], bigint[]) IS
+COMMENT ON FUNCTION _met_by_plans(bigint, bigint[], bigint[]) IS
 'Stages 1 and 2 of objects of a scene with all others, as they are stored, detected or not: pairs that may conflict. '
-'period: when they do, where that is certain; null: stages 3 and 4 must decide. b null: it may meet anything.';
+'periods: of areas that overlap, when they conflict; null: stages 3 and 4 must decide.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_replaced(
     p_scene_id bigint, p_plans jsonb, p_owner text, p_replace text[]
@@ -568,14 +449,14 @@ BEGIN
                               WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))),
                            v_plans, false);
         PERFORM _check_ends(v_scene_id, v_keys);
-        SELECT bool_and(m.period IS NOT NULL),
-               coalesce(jsonb_agg(_conflict_as_json(m.a_kind, m.a_id, m.b_kind, m.b_id, m.period))
-                            FILTER (WHERE m.period IS NOT NULL), '[]')
+        SELECT bool_and(m.periods IS NOT NULL),
+               coalesce(jsonb_agg(_conflict_as_json(m.a_id, m.b_id, m.periods)) FILTER (WHERE m.periods IS NOT NULL),
+                        '[]')
             INTO v_are_known, conflicts
-            FROM _meetings(v_scene_id,
-                           ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
-                           ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)))
-                 m;
+            FROM _met_by_plans(
+                v_scene_id,
+                ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
+                ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys))) m;
         IF _need_schedules(v_scene_id, v_keys) THEN
             v_are_known := false;
         END IF;
@@ -610,18 +491,18 @@ COMMENT ON FUNCTION admit(text, jsonb, text, boolean, text[]) IS
 'conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_as_json(
-    p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange
+    p_a_id bigint, p_b_id bigint, p_periods tstzmultirange
 ) RETURNS jsonb
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Both are areas: others are never certain.
     SELECT jsonb_build_object(
         'a_key', least(a.key, b.key), 'a_kind', 'area', 'b_key', greatest(a.key, b.key), 'b_kind', 'area',
-        'verdict', 'conflict', 'periods', jsonb_build_array(jsonb_build_array(lower(p_period), upper(p_period))),
+        'verdict', 'conflict', 'periods', (SELECT jsonb_agg(jsonb_build_array(lower(p), upper(p)) ORDER BY p)
+                                           FROM unnest(p_periods) p),
         'time_error_s', 0, 'is_new', true)
-    FROM area a CROSS JOIN area b WHERE a.area_id = p_a_id AND b.area_id = p_b_id AND p_a_kind + p_b_kind = 0;
+    FROM area a CROSS JOIN area b WHERE a.area_id = p_a_id AND b.area_id = p_b_id;
 END;
-COMMENT ON FUNCTION _conflict_as_json(smallint, bigint, smallint, bigint, tstzrange) IS
+COMMENT ON FUNCTION _conflict_as_json(bigint, bigint, tstzmultirange) IS
 'A certain conflict of two areas, as the function admit returns it.';
 
 CREATE OR REPLACE FUNCTION wait_for_admission(

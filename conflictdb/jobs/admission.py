@@ -39,7 +39,7 @@ def admit(
         mine = Members.of_plans(world, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
         _check_replaced(given, replaced, owner, replace)
-        others = members_near(conn, number, world, span, mine, given, replaced)
+        others = members_near(conn, number, world, span, mine, replaced)
         found = _conflicts(world.setup, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:

@@ -89,17 +89,15 @@ def members_near(
     world: World,
     span: Window | None,
     mine: Members,
-    plans: Sequence[Area | Track],
     replaced: Collection[store.StoredObject],
 ) -> Members:
     """Return the objects that plans might meet, as they are stored, detected or not, but for those they replace.
 
     span : the time that the plans touch
-    mine : the plans, cut
     """
     scene = world.setup.scene
     pieces = mine.pieces.longer(scene.longest_time_us, scene.longest_time_us)
-    near = store.objects_near(conn, scene_id, scene, pieces, plans, span)
+    near = store.objects_near(conn, scene_id, scene, pieces, span)
     gone = {(one.kind, one.id) for one in replaced}
     return members(conn, scene_id, world, span, sorted(one for one in near if (one.kind, one.id) not in gone))
 

@@ -77,7 +77,7 @@ def _found(
     else:
         mine = Members.of_plans(world, plans)
         replaced = store.replaced_objects(conn, number, [plan.key for plan in plans], None)
-        others = members_near(conn, number, world, span, mine, plans, replaced)
+        others = members_near(conn, number, world, span, mine, replaced)
         found = conflicts_between(world.setup, mine, others, among=True)
     return Listing(state, found, Conflict)
 

@@ -13,7 +13,7 @@ import psycopg
 
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import level_m
+from conflictdb.arrays.pieces import Pieces, level_m
 from conflictdb.core.margins import widened
 from conflictdb.core.near import Question
 from conflictdb.core.pieces.covers import pieces_of
@@ -115,18 +115,26 @@ def _around(conn: psycopg.Connection[Any], scene: str, track: Track, question: Q
     """
     number = store.scene_or_branch_id(conn, scene)
     settings = store.read_settings(conn, number)
-    near_m = question.within_m
-    wide = widened(settings, settings.largest_separation_m + near_m) if near_m else settings
-    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of([track]))
-    horizon_us = question.within_us + settings.longest_time_us
-    at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
-    if question.any_height:
-        all_m = np.full(len(pieces), np.inf)
-        at_any_time = replace(at_any_time, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
-    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, track.key)]
+    pieces = _reaching(settings, TrackBatch.of([track]), question)
+    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, pieces, track.key)]
     span, window = touched([track], settings, Reach.either(question.within_us)), store.stored_window(conn, number)
     if has_schedules([track]) or not is_within(span, window):
-        keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, settings, [track], near_m)]
+        # It may have no voyage in the window.
+        pieces = _reaching(settings, TrackBatch.of([track], once=True), question)
+        keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, pieces)]
     return keys
+
+
+def _reaching(settings: Scene, tracks: TrackBatch, question: Question) -> Pieces:
+    """Return pieces of tracks whose boxes meet those of all that they may meet, or come near to, as asked."""
+    within_m = question.within_m
+    wide = widened(settings, settings.largest_separation_m + within_m) if within_m else settings
+    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), tracks)
+    horizon_us = question.within_us + settings.longest_time_us
+    pieces = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
+    if not question.any_height:
+        return pieces
+    all_m = np.full(len(pieces), np.inf)
+    return replace(pieces, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))

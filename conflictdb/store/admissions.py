@@ -3,35 +3,23 @@
 begin_admission; replaced_objects; objects_near; some_areas, some_tracks; put_plans; commit.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
 import psycopg
-import shapely
-from numpy.typing import NDArray
 from psycopg.pq import TransactionStatus
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.stage1_broad_phase import hulls_of
 from conflictdb.errors import LockTimeout
 from conflictdb.model.limits import Limits
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.store.connection import Holder, call, call_many, transaction
 from conflictdb.store.few import some_areas, some_tracks
+from conflictdb.store.given_pieces import given
 from conflictdb.store.scenes import scene_of
-
-# On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that
-# is wider, or close to a pole, may reach any place.
-_WIDE_DEG: Final = 90.0
-_SPARE_DEG: Final = 0.001
-_HIGHEST_DEG: Final = 85.0
-_METRES_PER_DEGREE: Final = 110_000.0
-_EVERYWHERE: Final = (-math.inf, -math.inf, math.inf, math.inf)
 
 
 class StoredObject(NamedTuple):
@@ -85,39 +73,21 @@ def replaced_objects(
 
 
 def objects_near(
-    conn: psycopg.Connection[Any],
-    scene_id: int,
-    scene: Scene,
-    pieces: Pieces,
-    plans: Sequence[Area | Track],
-    span: tuple[int, int] | None,
+    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, pieces: Pieces, span: tuple[int, int] | None
 ) -> list[StoredObject]:
     """Return the objects that pieces might meet, as committed, detected or not.
 
-    pieces : of `plans` and perhaps of others, with spans widened by the largest separation in time of the scene's pairs
+    pieces : of plans and perhaps of others, with spans widened by the largest separation in time of the scene's pairs
     span : [start, end) that the plans may touch, MINUS_INFINITY_US and INFINITY_US where unbounded; None: no time
     """
-    columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
-    hulls = list(shapely.to_wkb(hulls_of(pieces)))
-    given = [hulls, *(column.tolist() for column in columns), *_boxes_deg(scene, plans), *(span or (None, None))]
-    return [StoredObject(*row) for row in call_many(conn, "_objects_near", scene_id, *given)]
+    wanted_m = max(scene.reach_m, scene.tolerance_m + scene.largest_separation_m)
+    asked = (scene_id, wanted_m, *(span or (None, None)), *given(pieces))
+    return [StoredObject(*row) for row in call_many(conn, "_objects_near", *asked)]
 
 
-def scheduled_keys_near(
-    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, plans: Sequence[Area | Track], near_m: float
-) -> list[str]:
-    """Return the keys of all objects with a schedule that may come near plans in space.
-
-    near_m : metres, beyond the required separation
-    """
-    return [key for *_, key in call_many(conn, "_scheduled_near", scene_id, *_boxes_deg(scene, plans, near_m))]
-
-
-def _boxes_deg(scene: Scene, plans: Sequence[Area | Track], near_m: float = 0.0) -> list[list[float]]:
-    """Return west, south, east and north of what plans may come near to, each in a list."""
-    reach_m = max(scene.reach_m, scene.tolerance_m + scene.largest_separation_m) + near_m
-    boxes: list[list[float]] = np.array([_box_deg(plan, reach_m) for plan in plans]).T.tolist()
-    return boxes
+def scheduled_keys_near(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces) -> list[str]:
+    """Return the keys of the objects with a schedule that pieces may meet, at any time of the schedule."""
+    return [key for (key,) in call_many(conn, "_scheduled_near", scene_id, *given(pieces))]
 
 
 def read_objects(
@@ -129,26 +99,3 @@ def read_objects(
         some_areas(conn, scene_id, areas) if areas else AreaBatch.of(()),
         some_tracks(conn, scene_id, tracks) if tracks else TrackBatch.of(()),
     )
-
-
-def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:
-    """Return west, south, east and north of all places that a plan may reach, degrees."""
-    corners: NDArray[np.float64]
-    if isinstance(plan, Area):
-        corners = shapely.get_coordinates(plan.footprint)
-    else:
-        corners = plan.positions_deg
-        if plan.grow_mps or plan.outlines_m is not None or plan.tolerances is not None:
-            return _EVERYWHERE
-        reach_m += float(np.hypot(*plan.outline_m.T).max())
-    (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    width = min(east - west, _WIDE_DEG)
-    rise = 0.5 * math.degrees(1.0 / math.cos(math.radians(0.5 * width)) - 1.0)
-    up = _SPARE_DEG + rise + reach_m / _METRES_PER_DEGREE
-    highest = max(abs(south), abs(north)) + up
-    if east - west > _WIDE_DEG or highest > _HIGHEST_DEG:
-        return _EVERYWHERE
-    across = up / math.cos(math.radians(highest))
-    middle = 0.5 * (west + east)
-    home = 360.0 * round(middle / 360.0)
-    return west - across - home, south - up, east + across - home, north + up

@@ -8,18 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import psycopg
-import shapely
 from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.stage1_broad_phase import hulls_of
 from conflictdb.formats.conflict_text import as_json
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.record import MEASURED
 from conflictdb.model.results import Admission, Conflict, Delays, Kind
 from conflictdb.store.connection import call, call_by_name, call_many, transaction
+from conflictdb.store.given_pieces import given
 from conflictdb.store.listing import fields_of
 from conflictdb.store.stored_pairs import Candidates, Parts
 
@@ -52,11 +51,7 @@ def pieces_meeting(
 
     most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
     """
-    columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
-    hulls = list(shapely.to_wkb(hulls_of(pieces)))
-    rows = call_many(
-        conn, "_pieces_meeting", scene_id, most_compared, key, hulls, *(column.tolist() for column in columns)
-    )
+    rows = call_many(conn, "_pieces_meeting", scene_id, most_compared, key, *given(pieces))
     is_compared = not rows or rows[0][4] is not None
     found = np.array([row if is_compared else row[:4] for row in rows], dtype=np.int64).reshape(-1, 4 + is_compared)
     row, piece_id, count, number, *part = found[np.argsort(found[:, 3], kind="stable")].T

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c5b1ea89cf75bcf0dae58936a5461f9ad0a8d8ce6bf96e125e86286d6757fd0e"
+routines_sha256 = "48f2abd79de9dd5f8b41eb303798a96595599ed6a034be05a3a4d3b6df462e1d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
