@@ -346,6 +346,7 @@ ANNOTATIONS: Final = {
     record.ColumnType.TRUTH: "bool",
     record.ColumnType.POINT: "WKBElement",
     record.ColumnType.REGION: "WKBElement",
+    record.ColumnType.JSON: "dict[str, Any]",
 }
 
 
@@ -379,7 +380,11 @@ def models() -> str:
         made = "".join(map(_mapped_plan, plan_columns.columns_of(kind)))
         text = text[:begin] + made + text[text.index("\n\nclass ", begin) :]
     begin = text.index("    scene: ", text.index("class ConflictRow(Base)"))
-    return text[:begin] + "".join(map(_mapped, record.COLUMNS)) + text[text.index("\n\n\n", begin) + 1 :]
+    return (
+        text[:begin]
+        + "".join(map(_mapped, (*record.COLUMNS, *record.ATTACHED)))
+        + text[text.index("\n\n\n", begin) + 1 :]
+    )
 
 
 def _mapped_plan(column: plan_columns.PlanColumn) -> str:

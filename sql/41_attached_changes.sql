@@ -38,16 +38,22 @@ END;
 COMMENT ON FUNCTION _attached_root(attachment) IS
 'The table of an attachment, whatever its name is now. It may have been dropped; null: none has its name.';
 
+CREATE OR REPLACE VIEW conflictdb_internal._attached_table WITH (security_invoker = true) AS
+SELECT a.attachment_id,
+       coalesce((SELECT format('%I.%I', n.nspname::text COLLATE "default", c.relname::text COLLATE "default")
+                 FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+                 WHERE c.oid = r.relation), format('%I.%I', a.table_schema, a.table_name)) AS name
+FROM attachment a LEFT JOIN attached_relation r ON r.attachment_id = a.attachment_id AND r.is_root;
+COMMENT ON VIEW _attached_table IS 'Present names of attached tables; the last one of a table that was dropped.';
+COMMENT ON COLUMN _attached_table.attachment_id IS 'Attachment.';
+COMMENT ON COLUMN _attached_table.name IS 'Name, as SCHEMA.TABLE.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._attached_name(p_attachment attachment) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce((SELECT format('%I.%I', n.nspname, c.relname)
-                     FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
-                     WHERE c.oid = _attached_root(p_attachment)),
-                    format('%I.%I', p_attachment.table_schema, p_attachment.table_name));
+    SELECT t.name FROM _attached_table t WHERE t.attachment_id = p_attachment.attachment_id;
 END;
-COMMENT ON FUNCTION _attached_name(attachment) IS
-'Present name of an attached table, as SCHEMA.TABLE; its last one if it was dropped.';
+COMMENT ON FUNCTION _attached_name(attachment) IS 'Present name of an attached table (_attached_table).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._attached_problems(p_attachment attachment) RETURNS text[]
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -219,9 +219,11 @@ BEGIN
             FROM (SELECT coalesce(h.identity, o.identity) AS identity, h.identity IS NULL AS is_gone
                   FROM (SELECT r.identity, _short_identity(r.identity) AS short, _combined_hash(sum(r.hash)) AS hash
                         FROM conflictdb_attached.rows_%s(NULL::text[], ''hashes''::text) r GROUP BY r.identity) h
-                  FULL JOIN (SELECT x.identity, x.hash FROM attached_object x WHERE x.attachment_id = $1) o
+                  FULL JOIN (SELECT x.identity, x.hash, x.object_id IS NOT NULL AND x.identity_json IS NULL AS is_old
+                             FROM attached_object x WHERE x.attachment_id = $1) o
                       ON o.identity = h.short
-                  WHERE h.identity IS NULL OR o.hash IS DISTINCT FROM h.hash) c', p_attachment_id)
+                  -- Those that an earlier release took over have no identity_json.
+                  WHERE h.identity IS NULL OR o.hash IS DISTINCT FROM h.hash OR o.is_old) c', p_attachment_id)
             INTO v_compared, v_gone USING p_attachment_id;
     END IF;
     v_asked := ARRAY(SELECT DISTINCT x FROM unnest(v_asked || v_compared) x);

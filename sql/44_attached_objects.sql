@@ -227,12 +227,33 @@ COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
 'departures, schedule and growth are those of the first row; differing outlines change along the legs; a leg has the '
 'lower floor and the higher ceiling of its ends.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._identity_json(
+    p_columns text[], p_types oid[], p_identity text
+) RETURNS jsonb
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT jsonb_object_agg(c.name, CASE
+        WHEN c.type IN ('smallint'::regtype, 'integer'::regtype, 'bigint'::regtype, 'real'::regtype,
+                        'double precision'::regtype, 'numeric'::regtype) THEN to_jsonb(c.value::numeric)
+        WHEN c.type = 'boolean'::regtype THEN to_jsonb(c.value::boolean)
+        ELSE to_jsonb(c.value) END)
+    FROM unnest(p_columns, p_types, p_identity::text[]) c (name, type, value);
+END;
+COMMENT ON FUNCTION _identity_json(text[], oid[], text) IS
+'Values of the identity columns of an attached row by name: numbers and truth values as such, all others as text.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
     p_attachment attachment, p_first bigint, p_last bigint
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_is_closed boolean := _is_closed(p_attachment.scene_id);
+    v_types oid[] := ARRAY(
+        SELECT coalesce(nullif(y.typbasetype, 0), y.oid)
+        FROM unnest(p_attachment.identity_columns) WITH ORDINALITY c (name, n)
+        LEFT JOIN pg_catalog.pg_attribute a
+            ON a.attrelid = _attached_root(p_attachment) AND a.attname = c.name AND NOT a.attisdropped
+        LEFT JOIN pg_catalog.pg_type y ON y.oid = a.atttypid ORDER BY c.n);
 BEGIN
     IF p_attachment.object_kind = 0 THEN
         UPDATE area a SET key = i.key FROM pg_temp.attached_item i
@@ -328,16 +349,17 @@ BEGIN
             /* end */
             FROM new n WHERE n.object_id IS NULL;
     END IF;
-    INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)
+    INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version, identity_json)
         SELECT p_attachment.attachment_id, i.identity, i.hash, i.key, coalesce(a.area_id, t.track_id),
-               coalesce(a.version, t.version)
+               coalesce(a.version, t.version),
+               _identity_json(p_attachment.identity_columns, v_types, i.identity)
         FROM pg_temp.attached_item i
         LEFT JOIN area a ON p_attachment.object_kind = 0 AND a.scene_id = p_attachment.scene_id AND a.key = i.key
         LEFT JOIN track t ON p_attachment.object_kind = 1 AND t.scene_id = p_attachment.scene_id AND t.key = i.key
         WHERE i.n BETWEEN p_first AND p_last
         ON CONFLICT (attachment_id, identity) DO UPDATE
             SET hash = excluded.hash, key = excluded.key, object_id = excluded.object_id, version = excluded.version,
-                reason = NULL, is_taken = false, since = excluded.since;
+                identity_json = excluded.identity_json, reason = NULL, is_taken = false, since = excluded.since;
 END
 $$;
 COMMENT ON FUNCTION _put_attached(attachment, bigint, bigint) IS

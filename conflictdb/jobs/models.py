@@ -169,6 +169,10 @@ class ConflictRow(Base):
     b_name: Mapped[str | None]
     lacking_s: Mapped[float | None]
     certainty: Mapped[str | None]
+    a_table: Mapped[str | None]
+    a_row: Mapped[dict[str, Any] | None]
+    b_table: Mapped[str | None]
+    b_row: Mapped[dict[str, Any] | None]
 
 
 class ApproachRow(Base):

@@ -31,6 +31,7 @@ class ColumnType(Enum):
     TRUTH = auto()
     POINT = auto()  # longitude and latitude
     REGION = auto()  # a geometry
+    JSON = auto()  # an object
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +202,23 @@ COLUMNS: Final = (
         array="certainty",
         remark="{} happen",
     ),
+)
+# Rows of attached tables: columns of the view `conflicts` only, for joins in SQL.
+ATTACHED: Final = tuple(
+    Column(f"{side}_{name}", kind, meaning)
+    for side, which in (("a", "first"), ("b", "second"))
+    for name, kind, meaning in (
+        (
+            "table",
+            ColumnType.TEXT,
+            f"Attached table that the {which} object comes from, as SCHEMA.TABLE; null if it comes from none.",
+        ),
+        (
+            "row",
+            ColumnType.JSON,
+            f'Values of the columns of its key there, by name, such as {{"nr": 7}}; null if {side}_table is null.',
+        ),
+    )
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "48f2abd79de9dd5f8b41eb303798a96595599ed6a034be05a3a4d3b6df462e1d"
+routines_sha256 = "6995ca8b8250db763c38a79747f305ca875468d023bf264928cc4ec840de3ab5"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -46,6 +46,7 @@ INSERT INTO conflictdb.attached_relation (attachment_id, relation, is_root)
 SELECT t.attachment_id, t.relation::regclass, t.is_root FROM tree t ON CONFLICT DO NOTHING
 """
 COMPARISON_S = "ALTER TABLE conflictdb.attachment ADD COLUMN IF NOT EXISTS comparison_s double precision"
+IDENTITY_JSON = "ALTER TABLE conflictdb.attached_object ADD COLUMN IF NOT EXISTS identity_json jsonb"
 
 
 def upgrade() -> None:
@@ -53,6 +54,7 @@ def upgrade() -> None:
     op.execute(ATTACHED_RELATION)
     op.execute(ATTACHED_RELATIONS)
     op.execute(COMPARISON_S)
+    op.execute(IDENTITY_JSON)
 
 
 def downgrade() -> None:

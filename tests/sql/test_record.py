@@ -20,6 +20,7 @@ TYPES = {
     ColumnType.TRUTH: "boolean",
     ColumnType.POINT: "geometry(Point,4326)",
     ColumnType.REGION: "geometry(Geometry,4326)",
+    ColumnType.JSON: "jsonb",
 }
 
 
@@ -31,7 +32,9 @@ def of_view(conn: psycopg.Connection[Any], view: str) -> list[tuple[str, str, st
     ).fetchall()
 
 
-@pytest.mark.parametrize(("view", "columns"), [("conflicts", record.COLUMNS), ("approaches", record.APPROACH_COLUMNS)])
+@pytest.mark.parametrize(
+    ("view", "columns"), [("conflicts", record.COLUMNS + record.ATTACHED), ("approaches", record.APPROACH_COLUMNS)]
+)
 def test_views_have_the_columns_of_the_record(
     conn: psycopg.Connection[Any], view: str, columns: tuple[Column, ...]
 ) -> None:
@@ -42,7 +45,7 @@ def test_views_have_the_columns_of_the_record(
 def test_comments_begin_with_the_sentence_of_the_record(conn: psycopg.Connection[Any]) -> None:
     """A comment may say more."""
     said = {name: comment for name, _, comment in of_view(conn, "conflicts")}
-    for one in record.COLUMNS:
+    for one in record.COLUMNS + record.ATTACHED:
         assert f"{said[one.name]} ".startswith(f"{one.meaning} "), one.name
 
 
