@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, circle, read, write, write_scene_file
     from conflictdb.jobs import models as models
     from conflictdb.jobs.detect import Run
+    from conflictdb.memory.certifying import certify
     from conflictdb.memory.detours import detours
     from conflictdb.memory.index import Index
     from conflictdb.memory.questions import chances, delays, solve, speeds
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from conflictdb.model.results import (
         Admission,
         Approach,
+        Certified,
         Chances,
         Conflict,
         ConflictEvent,
@@ -75,6 +77,7 @@ __all__ = [
     "Advice",
     "Approach",
     "Area",
+    "Certified",
     "Chances",
     "Conflict",
     "ConflictDBError",
@@ -126,6 +129,7 @@ __all__ = [
     "Track",
     "Verdict",
     "__version__",
+    "certify",
     "chances",
     "circle",
     "connect",

@@ -19,6 +19,7 @@ from conflictdb.jobs import follow_attached
 from conflictdb.model.results import (
     Admission,
     Approach,
+    Certified,
     Conflict,
     ConflictEvent,
     Delays,
@@ -334,6 +335,38 @@ class StoredScene:
 
         with store.transaction(self.connection):
             return explanations.explain(self.connection, self.name, a_key, b_key)
+
+    def certify(self, file: str | Path | IO[str], *, jobs: int = 1) -> Certified:
+        """Write a file that proves what the last detection found, and that there is nothing else; return what it holds.
+
+        `check_proof.py` checks the file without this package. Whoever may read the scene may certify it.
+
+        Parameters
+        ----------
+        file : str, Path or a text stream
+            The file, compressed if its name ends in .gz; it appears when it is complete.
+        jobs : int
+            Threads to compute in. Does not change the proofs.
+
+        Raises
+        ------
+        NotCurrent
+            Changes wait for a detection.
+        StoreError
+            A transaction is open: objects and conflicts must be of one state of the database.
+        """
+        inputs.count("certify", "jobs", jobs, 1)
+        # Imported here: the stages are slow to import.
+        from conflictdb.formats import write_lines
+        from conflictdb.jobs.certification import proof_of_stored
+        from conflictdb.memory.certifying import certified
+
+        lines, occupied, counts = proof_of_stored(self.connection, self.name, jobs=jobs)
+        if isinstance(file, str | Path):
+            write_lines(file, lines)
+        else:
+            file.writelines(lines)
+        return certified(occupied, counts)
 
     def probe(
         self,

@@ -40,7 +40,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 25
+#define KERNEL_ABI 26
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -407,6 +407,30 @@ KERNEL_API KernelStatus kernel_height_overlaps(const KernelHeights *pieces, cons
  */
 KERNEL_API KernelStatus kernel_level_shifts(const KernelHeights *pieces, const KernelShifts *shifts, double *a_start_s,
                                             double *a_end_s, double *b_start_s, double *b_end_s, double *doubt_s);
+
+/* A step of a proof that a pair is apart: from the step before, or the pair's low_s, until this. NaN: not proven. */
+typedef struct {
+    int64_t pair;
+    double until_s; /* seconds from the pair's zero; of the last step high_s */
+    double angle;   /* of the direction from a to b that keeps them apart, radians counter-clockwise from the plane's x */
+} KernelDirection;
+
+/* Find directions that prove pairs farther apart than separation_m, as docs/reference/proof.md states it; ordered by pair
+ * and time. Where a pair is apart by less than two micrometres, and next to contacts, nothing is proven. Work for a pair is
+ * bounded. Pairs with an invalid piece, and those with a separation of more than 600 km, have one step, not proven.
+ *
+ * directions : allocated here, free with kernel_free
+ */
+KERNEL_API KernelStatus kernel_directions(const KernelScene *scene, const KernelPairs *pairs, double separation_m,
+                                          KernelDirection **directions, int64_t *count, KernelWork *work);
+
+/* Bound rows during [t0, t1], (count,) both, by the boxes of docs/reference/proof.md: two rows whose boxes do not meet are
+ * farther apart than separation_m.
+ *
+ * box : (count, 4) min x, min y, max x, max y, plane metres from the origins; NaN if invalid
+ */
+KERNEL_API KernelStatus kernel_proof_boxes(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
+                                           double separation_m, double *box);
 
 /* Areas of the plane: closed rings one after the other, plane metres. */
 typedef struct {

@@ -71,7 +71,7 @@ class Movement:
         """Return the vertices at times t (n,), (2, slots, n); pieces of fewer vertices repeat their last one."""
         t = np.ascontiguousarray(t, np.float64)
         found = np.empty((2, self.slots, len(self.piece)))
-        arguments = ctypes.byref(_Rows.of(self)), address(t), self.slots, address(found)
+        arguments = ctypes.byref(HeldRows.of(self)), address(t), self.slots, address(found)
         check(library().kernel_positions(self.scene.handle, *arguments))
         return found
 
@@ -79,7 +79,7 @@ class Movement:
         """Return the reference points (2, n) of havens at times t (n,), which move on straight lines; NaN for areas."""
         t = np.ascontiguousarray(t, np.float64)
         found = np.empty((2, len(self.piece)))
-        arguments = ctypes.byref(_Rows.of(self)), address(t), address(found)
+        arguments = ctypes.byref(HeldRows.of(self)), address(t), address(found)
         check(library().kernel_references(self.scene.handle, *arguments))
         return found
 
@@ -110,18 +110,19 @@ class Movement:
         velocity, curve = np.empty((2, n)), np.empty((2, n))
         acceleration, spread, deviation, scale, variation = (np.empty(n) for _ in range(5))
         found = Bounds(velocity, acceleration, spread, deviation, scale, curve, variation)
-        arguments = ctypes.byref(_Rows.of(self)), address(t0), address(t1), ctypes.byref(_Bounds.of(found))
+        arguments = ctypes.byref(HeldRows.of(self)), address(t0), address(t1), ctypes.byref(_Bounds.of(found))
         check(library().kernel_bounds(self.scene.handle, *arguments))
         return found
 
 
-class _Rows(Held):
+class HeldRows(Held):
     """KernelRows."""
 
     _fields_, types = structure("KernelRows")
 
     @classmethod
-    def of(cls, movement: Movement) -> "_Rows":
+    def of(cls, movement: Movement) -> "HeldRows":
+        """Return pointers to the rows of some pieces."""
         n = len(movement.piece)
         if movement.zero_us.shape != (n,) or movement.origin.shape != (2, n):
             raise ValueError("kernel: the columns of rows are not of one length")

@@ -73,7 +73,11 @@ def solve(
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
     world, tracks, areas = world_of("solve", tracks, areas, scene)
-    setup, occupied = world.setup, occupy(world, areas, tracks, warns=True)
+    return solved(world.setup, occupy(world, areas, tracks, warns=True))
+
+
+def solved(setup: Setup, occupied: Occupied) -> Results[Conflict]:
+    """Return the conflicts and near pairs of objects that are cut into pieces."""
     named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(occupied.areas)}
     named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(occupied.tracks)}
     objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]

@@ -585,6 +585,27 @@ class Admission:
         return self.is_admitted
 
 
+@dataclass(frozen=True, slots=True)
+class Certified:
+    """What a proof holds, which `certify` wrote; true if nothing that it is about lacks a proof.
+
+    objects : of the scene
+    pairs : pairs of pieces of objects that are near each other; directions : that prove them apart
+    conflicts : whose periods and depth are proven, or should be
+    unproven_pairs, unproven_conflicts : of these, without proof
+    """
+
+    objects: int
+    pairs: int
+    directions: int
+    conflicts: int
+    unproven_pairs: int
+    unproven_conflicts: int
+
+    def __bool__(self) -> bool:
+        return not self.unproven_pairs and not self.unproven_conflicts
+
+
 class Listing(Results[_Row]):
     """A list of conflicts or closest approaches of a stored scene that says whether it is complete.
 

@@ -306,8 +306,10 @@ static void ask_rows(const KernelScene *scene, int64_t pieces, int64_t slots, in
     calls[kernel_references(scene, &rows, t1, reference)]++;
     calls[kernel_bounds(scene, &rows, t0, t1, &bounds)]++;
     if (scene) calls[kernel_states(scene, state)]++;
+    double *box = block(4 * n, 8);
+    calls[kernel_proof_boxes(scene, &rows, t0, t1, below(2) ? 0.0 : number(0.0, 1e5, odd), box)]++;
     void *blocks[] = {piece,  zero,      origin, t0,    t1,        xy,        velocity, acceleration,
-                      spread, deviation, scale,  curve, variation, reference, state};
+                      spread, deviation, scale,  curve, variation, reference, state,    box};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 
@@ -323,6 +325,20 @@ static void ask_legs(const KernelPlane *plane, int64_t odd, int64_t calls[16]) {
     if (status == KERNEL_OK && (corners < 3 || corners > (count > 4 ? count : 4))) exit(4);
     calls[status]++;
     free(way), free(found), free(rate);
+}
+
+/* Ask for directions: steps come in the order of pairs, and end no later than their pair. */
+static void ask_directions(const KernelScene *scene, const KernelPairs *pairs, double separation_m, int64_t calls[16]) {
+    KernelDirection *found = NULL;
+    KernelWork work;
+    int64_t count = 0;
+    KernelStatus status = kernel_directions(scene, pairs, separation_m, &found, &count, &work);
+    calls[status]++;
+    for (int64_t i = 0, pair = -1; i < count; pair = found[i++].pair) {
+        if (found[i].pair < pair || found[i].pair > pair + 1 || found[i].pair >= pairs->count) exit(4);
+        if (!isnan(found[i].angle) && !(found[i].until_s <= pairs->high_s[found[i].pair])) exit(4);
+    }
+    kernel_free(found);
 }
 
 static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, const int64_t *offset, int64_t n, double reach,
@@ -481,6 +497,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
+    ask_directions(scene, &pairs, below(2) ? 0.0 : number(0.0, size, odd), calls);
     ask_legs(&plane, odd, calls);
     ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
     ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from conflictdb.cli.parser import Parser, command
+from conflictdb.cli.parser import Parser, add_options, command
 from conflictdb.cli.values import duration_s, mapping, name, seconds
 
 
@@ -27,6 +27,12 @@ def add(commands: Any) -> None:
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
     parser.add_argument("--set", type=mapping, metavar="NAME=VALUE,…", help="as in scene files")
     parser.add_argument("--remove", action="store_true", help="remove it")
+
+    parser = command(
+        below, "certify", "certifying_scenes:certify", "print a proof of what was found", "For check_proof.py."
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    add_options(parser, "--jobs")
 
     _add_tables(below)
     _add_rights(below)

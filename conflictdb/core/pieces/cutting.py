@@ -161,7 +161,7 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         shift = -setup.plane.turn_m * turns
         xy[:, 0] += np.repeat(shift, np.diff(offset))
         hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
-    return _active(_with_seam_copies(setup.plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
+    return _active(with_seam_copies(setup.plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
 
 
 def track_pieces(setup: Setup, tracks: TrackBatch) -> Pieces:
@@ -196,7 +196,7 @@ def track_pieces(setup: Setup, tracks: TrackBatch) -> Pieces:
         hulls.xy[:, 0] -= np.repeat(setup.plane.turn_m * turns, np.diff(hulls.offset))
         away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
         columns |= {name: getattr(pieces, name) - away for name in ("leg_start_deg", "leg_end_deg")}
-    pieces = _departing(_with_seam_copies(setup.plane, replace(pieces, **columns)), tracks)
+    pieces = _departing(with_seam_copies(setup.plane, replace(pieces, **columns)), tracks)
     if not of_tolerances.size:
         return pieces
     part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)
@@ -408,7 +408,7 @@ def _extreme(least_or_most: np.ufunc, xy: Floats, offset: NDArray[np.int64], row
     return np.asarray(least_or_most.reduceat(xy[:, 0], offset[rows])) if rows.size else np.empty(0)
 
 
-def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
+def with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     """Return the pieces and, for those that reach +180 degrees, copies one turn west, or more for wider ones."""
     turn_m = plane.turn_m
     if not len(pieces) or not turn_m:

@@ -1,7 +1,8 @@
 /* Positions, reference points and bounds of single pieces as functions of time. */
 #include <stdlib.h>
 
-#include "planes/motion.h"
+#include "planes/bend.h"
+#include "planes/plane.h"
 
 /* Validate rows, and find the largest number of vertices of their pieces. */
 static KernelStatus check_rows(const Scene *scene, const KernelRows *rows, int64_t *largest) {
@@ -106,6 +107,46 @@ KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows *rows, con
         bounds->deviation[i] = sweep.deviation, bounds->scale[i] = sweep.scale;
         bounds->curve[i] = acceleration.middle.x, bounds->curve[rows->count + i] = acceleration.middle.y;
         bounds->variation[i] = acceleration.variation;
+    }
+    free(memory);
+    return KERNEL_OK;
+}
+
+/* Rounding of boxes, metres on the earth. */
+static const double BOX_ROUNDING_M = 1e-6;
+
+/* The box of a mover between two instants: their positions, and how far vertices may leave their chords. */
+static void put_box(const Mover *mover, double t0, double t1, double separation_m, Polygon *start, Polygon *end,
+                    double box[4]) {
+    const KernelPlane *plane = &mover->scene->plane;
+    Extent extent = extent_none();
+    mover_place(mover, t0, start), mover_place(mover, t1, end);
+    extent_add(&extent, start, mover->origin), extent_add(&extent, end, mover->origin);
+    double largest = plane_largest_scale(plane, &extent), h = t1 - t0, half = BOX_ROUNDING_M * largest;
+    Range x = mover_bend(mover, (Vector){1.0, 0.0}, t0, t1), y = mover_bend(mover, (Vector){0.0, 1.0}, t0, t1);
+    if (separation_m > 0.0) half += 0.5 * plane_span_m(plane, separation_m, largest);
+    box[0] = extent.west - mover->origin.x - most(x.high, 0.0) * h * h / 8.0 - half;
+    box[1] = extent.south - mover->origin.y - most(y.high, 0.0) * h * h / 8.0 - half;
+    box[2] = extent.east - mover->origin.x + most(-x.low, 0.0) * h * h / 8.0 + half;
+    box[3] = extent.north - mover->origin.y + most(-y.low, 0.0) * h * h / 8.0 + half;
+}
+
+KernelStatus kernel_proof_boxes(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
+                                double separation_m, double *box) {
+    int64_t largest;
+    KernelStatus status = check_rows(scene, rows, &largest);
+    if (status != KERNEL_OK || rows->count == 0) return status;
+    if (!t0 || !t1 || !box) return KERNEL_NULL;
+    if (!(separation_m >= 0.0) || !isfinite(separation_m)) return KERNEL_BAD_DISTANCE;
+    double *memory = malloc((4 + FRAME) * (size_t)largest * sizeof *memory);
+    if (!memory) return KERNEL_NO_MEMORY;
+    Polygon start = {.x = memory, .y = memory + largest}, end = {.x = memory + 2 * largest, .y = memory + 3 * largest};
+    for (int64_t i = 0; i < rows->count; i++) {
+        Mover mover;
+        for (int k = 0; k < 4; k++) box[4 * i + k] = NAN;
+        bool is_there =
+            set_up(scene, rows, i, memory + 4 * largest, &mover) && t0[i] <= t1[i] && mover_is_there(&mover, t0[i], t1[i]);
+        if (is_there) put_box(&mover, t0[i], t1[i], separation_m, &start, &end, box + 4 * i);
     }
     free(memory);
     return KERNEL_OK;

@@ -1,0 +1,109 @@
+"""Write proofs: objects as written, settings, verdicts and what proves them, as docs/reference/proof.md says."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import conflictdb
+from conflictdb.core.proofs import Apart, Contact, Proofs, Reported
+from conflictdb.core.world import Occupied
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.scene_file import feature_of, settings_of
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+
+VERSION: Final = 1
+
+
+def proof_lines(
+    scene: Scene, occupied: Occupied, reported: Sequence[Reported], proofs: Proofs, about: dict[str, Any]
+) -> Iterator[str]:
+    """Yield the lines of a proof.
+
+    scene : settings, with a centre
+    about : further members of the first line
+    """
+    objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
+    yield _line({"conflictdb_proof": VERSION, "made_by": f"conflictdb {conflictdb.__version__}", **about})
+    parts = {
+        "settings": iter([_text(settings_of(scene))]),
+        "objects": (_text(feature_of(one)) for one in objects),
+        "pieces": _pieces(objects, proofs),
+        "verdicts": (_text(_verdict(objects, one)) for one in reported),
+        "proofs": _proofs(proofs),
+    }
+    digests = {}
+    for name, lines in parts.items():
+        yield _line({"part": name})
+        digest = hashlib.sha256()
+        for line in lines:
+            text = f"{line}\n"
+            digest.update(text.encode())
+            yield text
+        digests[name] = digest.hexdigest()
+    yield _line({"sha256": digests})
+
+
+def _line(value: Any) -> str:
+    return f"{_text(value)}\n"
+
+
+def _text(value: Any) -> str:
+    """Return JSON in ASCII: digests do not depend on how a terminal encodes."""
+    return json.dumps(value, allow_nan=False)
+
+
+def _pieces(objects: Sequence[Area | Track], proofs: Proofs) -> Iterator[str]:
+    """Yield how objects are cut, and the activations that schedules became."""
+    cuts = proofs.cuts
+    unproven = set(cuts.unproven)
+    for k, one in enumerate(objects):
+        members: dict[str, Any] = {}
+        if one.schedule is not None and isinstance(one, Track):
+            members["departures"] = [int(at) for at in one.departures_us or ()]
+        elif one.schedule is not None and isinstance(one, Area):
+            members["spans"] = [[start, end] for start, end in one.spans_us or ()]
+        if k in cuts.cuts_us:
+            members["cuts"] = cuts.cuts_us[k]
+        if k in cuts.parts:
+            members["parts"] = cuts.parts[k]
+        if k in unproven:
+            members["unproven"] = True
+        if members:
+            yield _text({"object": k, **members})
+
+
+def _verdict(objects: Sequence[Area | Track], one: Reported) -> dict[str, Any]:
+    return {
+        "a": objects[one.a].key,
+        "b": objects[one.b].key,
+        "verdict": one.verdict.value,
+        "periods": [[_instant(at) for at in period] for period in one.periods_us],
+        "time_error_s": one.time_error_s,
+    }
+
+
+def _instant(at_us: int) -> str | None:
+    return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else format_instant(at_us)
+
+
+def _proofs(proofs: Proofs) -> Iterator[str]:
+    for apart, contacts in proofs.chunks:
+        yield from _apart(apart)
+        yield from (_text(_contact(one)) for one in contacts)
+
+
+def _apart(apart: Apart) -> Iterator[str]:
+    """Yield for each pair its pieces, and angles with the seconds until which they hold; the last holds to the end."""
+    columns = (column.tolist() for column in (apart.a, apart.b, apart.turns, apart.offset[:-1], apart.offset[1:]))
+    until, angle = apart.until_s.tolist(), [None if one != one else one for one in apart.angle.tolist()]
+    for a, b, turns, first, end in zip(*columns, strict=True):
+        if end - first == 1:
+            yield f"[{a},{b},{turns},{'null' if angle[first] is None else repr(angle[first])}]"
+        else:
+            steps = [one for k in range(first, end) for one in (angle[k], until[k])]
+            yield json.dumps([a, b, turns, *steps[:-1]], separators=(",", ":"))
+
+
+def _contact(one: Contact) -> list[Any]:
+    return [one.kind, one.a, one.b, one.turns, one.at_s, *(one.a_deg or ()), *(one.b_deg or ())]
