@@ -176,7 +176,7 @@ datetimes; further [units](units-and-frames.md) are in the names.
 """
 IN_MEMORY: Final = (
     *("read", "FileHints", "Contents", "Remark", "Skipped", "Scene", "Area", "Track", "rectangle_outline_m"),
-    *("solve", "Results", "Conflict", "Approach", "write"),
+    *("solve", "Results", "Conflict", "Approach", "write", "certify"),
 )
 
 

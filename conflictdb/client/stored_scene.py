@@ -355,12 +355,12 @@ class StoredScene:
         StoreError
             A transaction is open: objects and conflicts must be of one state of the database.
         """
-        inputs.count("certify", "jobs", jobs, 1)
-        # Imported here: the stages are slow to import.
         from conflictdb.formats import write_lines
         from conflictdb.jobs.certification import proof_of_stored
         from conflictdb.memory.certifying import certified
+        from conflictdb.model import inputs
 
+        inputs.count("certify", "jobs", jobs, 1)
         lines, occupied, counts = proof_of_stored(self.connection, self.name, jobs=jobs)
         if isinstance(file, str | Path):
             write_lines(file, lines)
