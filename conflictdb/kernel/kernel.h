@@ -40,7 +40,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 26
+#define KERNEL_ABI 25
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
