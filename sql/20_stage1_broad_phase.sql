@@ -8,13 +8,45 @@
 --
 -- An object number is the kind above the id, so that numbers sort like (object_kind, object_id).
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._times_meet(
+    p_a tstzrange, p_b tstzrange, p_within_s double precision
+) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_b && _widened(p_a, p_within_s);
+END;
+COMMENT ON FUNCTION _times_meet(tstzrange, tstzrange, double precision) IS
+'Whether two spans have instants that are at most p_within_s apart. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._heights_meet(
+    p_a_floor_m double precision, p_a_ceiling_m double precision, p_b_floor_m double precision,
+    p_b_ceiling_m double precision
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_a_floor_m < p_b_ceiling_m AND p_b_floor_m < p_a_ceiling_m;
+END;
+COMMENT ON FUNCTION _heights_meet(double precision, double precision, double precision, double precision) IS
+'Whether two height bands overlap, as pieces have them: without their ceilings. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._ceiling_m(
+    p_ceiling_m double precision, p_is_closed boolean
+) RETURNS double precision
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- The next number.
+    SELECT CASE WHEN p_is_closed THEN p_ceiling_m + 1.2e-16 * greatest(abs(p_ceiling_m), 1e-100) ELSE p_ceiling_m END;
+END;
+COMMENT ON FUNCTION _ceiling_m(double precision, boolean) IS
+'The ceiling of a piece: of closed intervals it belongs to the band. Inlined into queries.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_may_meet(
     p_a piece, p_b piece, p_within_s double precision, p_allowed jsonb
 ) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT (p_b).hull && (p_a).hull AND (p_b).span && _widened((p_a).span, p_within_s)
-           AND (p_a).floor_m < (p_b).ceiling_m AND (p_b).floor_m < (p_a).ceiling_m
+    SELECT (p_b).hull && (p_a).hull AND _times_meet((p_a).span, (p_b).span, p_within_s)
+           AND _heights_meet((p_a).floor_m, (p_a).ceiling_m, (p_b).floor_m, (p_b).ceiling_m)
            -- Of two seam copies the originals meet, too.
            AND ((p_a).turn = 0 OR (p_b).turn = 0)
            AND _are_compared((p_a).object_kind, (p_a).class_number, (p_a).owner_number, (p_b).object_kind,

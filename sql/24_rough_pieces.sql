@@ -205,10 +205,7 @@ BEGIN ATOMIC
         _uncut_hull(s.row, o.place, o.reach_m, p_wanted_m),
         CASE WHEN s.is_closed THEN tstzrange(lower(o.span), upper(o.span), '[]') ELSE o.span END,
         coalesce(o.floor_m, '-infinity') - s.half_m,
-        -- The ceiling of closed intervals belongs to them: the next number.
-        CASE WHEN o.ceiling_m IS NULL THEN 'infinity'
-             WHEN s.is_closed THEN o.ceiling_m + s.half_m + 1.2e-16 * greatest(abs(o.ceiling_m + s.half_m), 1e-100)
-             ELSE o.ceiling_m + s.half_m END) p
+        coalesce(_ceiling_m(o.ceiling_m + s.half_m, s.is_closed), 'infinity')) p
     OFFSET 0;
 END;
 COMMENT ON FUNCTION _uncut_pieces(bigint, double precision, boolean, tstzrange) IS
@@ -274,11 +271,7 @@ BEGIN
             -p.turn, ST_Expand(p.shape, p.padding_m),
             CASE WHEN v_is_closed THEN tstzrange(lower(s.span), upper(s.span), '[]') ELSE s.span END,
             coalesce(u.floor_m, '-infinity') - v_half_m,
-            CASE WHEN u.ceiling_m IS NULL THEN 'infinity'
-                 -- The ceiling of closed intervals belongs to them: the next number.
-                 WHEN v_is_closed
-                 THEN u.ceiling_m + v_half_m + 1.2e-16 * greatest(abs(u.ceiling_m + v_half_m), 1e-100)
-                 ELSE u.ceiling_m + v_half_m END) q;
+            coalesce(_ceiling_m(u.ceiling_m + v_half_m, v_is_closed), 'infinity')) q;
 END
 $$;
 COMMENT ON FUNCTION _rough_pieces_at(

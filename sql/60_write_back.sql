@@ -56,8 +56,7 @@ BEGIN
                         JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
                             ON _pieces_may_meet(o, p, v_within_s, NULL)
                         CROSS JOIN LATERAL _pieces_of((o.*)::piece) a
-                        JOIN LATERAL _pieces_of((p.*)::piece) b
-                            ON b.hull && a.hull
+                        JOIN LATERAL _pieces_of((p.*)::piece) b ON _pieces_may_meet(a, b, v_within_s, NULL)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;
     END IF;
@@ -71,8 +70,7 @@ BEGIN
                         JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
                             ON _pieces_may_meet(o, p, v_within_s, NULL)
                         CROSS JOIN LATERAL _pieces_of((o.*)::piece) a
-                        JOIN LATERAL _pieces_of((p.*)::piece) b
-                            ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s)
+                        JOIN LATERAL _pieces_of((p.*)::piece) b ON _pieces_may_meet(a, b, v_within_s, NULL)
                         WHERE p_periods && _shared_span(a.span, b.span, v_within_s)
                         OFFSET 0) m
                   WHERE NOT ST_IsEmpty(m.part) OFFSET 0) d;

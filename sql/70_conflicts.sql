@@ -434,15 +434,16 @@ BEGIN ATOMIC
                                 AND _pieces_may_meet((a.*)::piece, o, s.within_s, s.rules) OFFSET 0) b
           -- MATERIALIZED: unpack each row once per pair of rows, not once per piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
-                                  SELECT o.hull, o.span FROM _pieces_of((a.*)::piece) o
-                                  WHERE o.hull && b.hull AND o.span && _widened(b.span, s.within_s)
+                                  SELECT o.* FROM _pieces_of((a.*)::piece) o
+                                  WHERE _pieces_may_meet(o, (b.*)::piece, s.within_s, NULL)
                               ), n AS MATERIALIZED (
-                                  SELECT o.hull, o.span FROM _pieces_of((b.*)::piece) o
-                                  WHERE o.hull && a.hull AND o.span && _widened(a.span, s.within_s)
+                                  SELECT o.* FROM _pieces_of((b.*)::piece) o
+                                  WHERE _pieces_may_meet(o, (a.*)::piece, s.within_s, NULL)
                               )
                               SELECT _shared_span(m.span, n.span, s.within_s) AS span,
                                      ST_Intersection(m.hull, n.hull) AS part
-                              FROM m JOIN n ON n.span && _widened(m.span, s.within_s) AND _hulls_meet(m.hull, n.hull)
+                              FROM m JOIN n ON _pieces_may_meet((m.*)::piece, (n.*)::piece, s.within_s, NULL)
+                                               AND _hulls_meet(m.hull, n.hull)
                               OFFSET 0) m
           WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c

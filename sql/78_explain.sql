@@ -205,7 +205,7 @@ BEGIN
               FROM piece o JOIN piece p ON _pieces_may_meet(o, p, v_within_s, NULL)
               CROSS JOIN LATERAL _pieces_of(o) m
               JOIN LATERAL _pieces_of(p) n
-                  ON n.hull && m.hull AND n.span && _widened(m.span, v_within_s) AND _boxes_meet(n.hull, m.hull)
+                  ON _pieces_may_meet(m, n, v_within_s, NULL) AND _boxes_meet(n.hull, m.hull)
               WHERE o.scene_id + 0 = ANY (v_layers) AND o.object_kind = a.kind AND o.object_id = a.id
                 AND p.scene_id + 0 = ANY (v_layers) AND p.object_kind = b.kind AND p.object_id = b.id) m;
 
@@ -254,18 +254,17 @@ BEGIN
                             _shown_rule(v_rule.a_class, v_rule.b_class));
             v_left.in_boxes := 0;
             v_left.in_hulls := 0;
-        ELSIF NOT _widened(a.span, v_within_s) && b.span THEN
+        ELSIF NOT _times_meet(a.span, b.span, v_within_s) THEN
             v_stage := 1;
             v_by := 'time';
             v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span))
                      || CASE WHEN v_within_s > 0 THEN format(': %s or more apart', _shown_seconds(v_within_s))
                              ELSE '' END;
-        -- Ceilings of closed intervals belong to them.
-        ELSIF NOT (_to_micrometres(a.floor_m, -v_half_m) < _to_micrometres(b.ceiling_m, v_half_m)
-                   AND _to_micrometres(b.floor_m, -v_half_m) < _to_micrometres(a.ceiling_m, v_half_m)
-                   OR v_scene.intervals = 'closed'
-                   AND _to_micrometres(a.floor_m, -v_half_m) <= _to_micrometres(b.ceiling_m, v_half_m)
-                   AND _to_micrometres(b.floor_m, -v_half_m) <= _to_micrometres(a.ceiling_m, v_half_m)) THEN
+        ELSIF NOT _heights_meet(
+                _to_micrometres(a.floor_m, -v_half_m),
+                _ceiling_m(_to_micrometres(a.ceiling_m, v_half_m), v_scene.intervals = 'closed'),
+                _to_micrometres(b.floor_m, -v_half_m),
+                _ceiling_m(_to_micrometres(b.ceiling_m, v_half_m), v_scene.intervals = 'closed')) THEN
             v_stage := 1;
             v_by := 'height';
             v_why := format('one is %s, the other %s', _shown_heights(a.floor_m, a.ceiling_m),
@@ -294,7 +293,7 @@ BEGIN
                      || CASE WHEN v_left.climb THEN ' while their heights overlap' ELSE '' END;
         END IF;
         -- Only exact and nlp prove distances, and only for pairs that share time and heights.
-        IF v_by NOT IN ('time', 'height', 'owner', 'rule') AND v_method <> 'screen' AND a.span && b.span
+        IF v_by NOT IN ('time', 'height', 'owner', 'rule') AND v_method <> 'screen' AND _times_meet(a.span, b.span, 0)
            AND NOT v_left.climb THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
@@ -328,7 +327,7 @@ BEGIN
             'yields', CASE v_rule.yields WHEN 'a' THEN a.key WHEN 'b' THEN b.key END,
             'text', _shown_rule(v_rule.a_class, v_rule.b_class))) END,
         'are_never_together', coalesce(v_by IN ('time', 'height'), false)
-                              OR v_verdict <> 'unknown' AND v_within_s > 0 AND NOT a.span && b.span,
+                              OR v_verdict <> 'unknown' AND v_within_s > 0 AND NOT _times_meet(a.span, b.span, 0),
         'stages', CASE WHEN v_verdict <> 'unknown' THEN jsonb_build_array(
             jsonb_build_object('stage', 1, 'asks', 'do boxes of pieces meet in space, time and height?',
                                'pairs', a.pieces * b.pieces, 'left', v_left.in_boxes),

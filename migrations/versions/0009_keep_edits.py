@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6995ca8b8250db763c38a79747f305ca875468d023bf264928cc4ec840de3ab5"
+routines_sha256 = "6bc8c37b3d85862c7388f181bc1af92ff7c6c58a5126f4c3f71f653c309a7cc4"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
