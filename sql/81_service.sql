@@ -56,6 +56,32 @@ END;
 COMMENT ON FUNCTION _service() IS
 'Version of PostGIS, and number of workers connected to this database.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_alarms() RETURNS TABLE (
+    scene text, is_current boolean, waiting_since timestamptz, unmapped bigint, last_error text, tables jsonb
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.name, _is_current(s.scene_id),
+           (SELECT min(w.at) FROM (
+                SELECT c.changed_at AS at FROM change c WHERE c.scene_id = s.scene_id
+                UNION ALL
+                SELECT q.changed_at FROM attachment a JOIN attached_change q USING (attachment_id)
+                WHERE a.scene_id = s.scene_id
+                UNION ALL
+                SELECT a.compared_at + a.every FROM attachment a
+                WHERE a.scene_id = s.scene_id AND NOT _is_compared(a)) w),
+           (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
+            WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL),
+           (SELECT r.error FROM run r WHERE r.scene_id = s.scene_id ORDER BY r.run_id DESC LIMIT 1),
+           (SELECT jsonb_object_agg(_attached_name(a), coalesce(a.error, _attachment_remark(a)))
+            FROM attachment a WHERE a.scene_id = s.scene_id)
+    FROM scene s ORDER BY s.name;
+END;
+COMMENT ON FUNCTION _scene_alarms() IS
+'For each scene: whether it is current, since when changes wait (also those of attached tables of other roles), the '
+'number of rows that cannot be mapped, why its last detection failed, and for each attached table why it cannot be read or '
+'followed (null: it can).';
+
 COMMENT ON TABLE worker_stamp IS 'Workers that are, or were lately, connected. Only workers write it.';
 COMMENT ON COLUMN worker_stamp.worker_id IS 'Random id of the process.';
 COMMENT ON COLUMN worker_stamp.pid IS

@@ -312,8 +312,8 @@ COMMENT ON TABLE attached_object IS
 COMMENT ON COLUMN attached_object.attachment_id IS 'Attachment.';
 COMMENT ON COLUMN attached_object.identity IS 'Values of the identity columns, as the text of an array.';
 COMMENT ON COLUMN attached_object.identity_json IS
-'The same by name of the column, as JSON: numbers and truth values as such, all others as text; null if there was never '
-'an object.';
+'The same by name of the column, as JSON: numbers and truth values as such, all others as text; null if there was '
+'never an object.';
 COMMENT ON COLUMN attached_object.hash IS
 'Hash of the mapped columns of its rows; null if there are no rows.';
 COMMENT ON COLUMN attached_object.key IS 'Key computed from the rows; null if there is none.';

@@ -5,6 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from socketserver import ThreadingTCPServer
@@ -12,10 +13,14 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.errors import ConflictDBError
+from conflictdb.model.results import format_moment
 
 if TYPE_CHECKING:
+    from prometheus_client.core import GaugeMetricFamily
+
     from conflictdb.jobs.detect import Run
     from conflictdb.jobs.worker import Report, WorkerState
+    from conflictdb.store import SceneAlarm
 
 # A worker is stuck if it is this much late in looking for changes, and not detecting.
 _STUCK_S: Final = 60.0
@@ -30,7 +35,25 @@ def health(state: "WorkerState", every_s: float) -> tuple[bool, dict[str, object
     is_stuck = state.scene is None and looked_s_ago > every_s + _STUCK_S
     status = "no database" if not state.is_connected else "stuck" if is_stuck else "ok"
     members = {"detects": state.scene, "looked_s_ago": round(looked_s_ago, 3), "scenes_waiting": state.waiting}
-    return status == "ok", {"status": status, **members}
+    # A restart of the worker would mend none of these, so they do not make it unhealthy.
+    scenes = {
+        one.scene: {
+            "is_current": one.is_current,
+            "since": format_moment(state.since[one.scene]),
+            "unmapped": one.unmapped,
+            "last_error": one.last_error,
+            "tables": one.tables,
+        }
+        for one in state.alarms
+    }
+    return status == "ok", {"status": status, **members, "longest_wait_s": _longest_wait_s(state), "scenes": scenes}
+
+
+def _longest_wait_s(state: "WorkerState") -> float:
+    """Return how long the first change has waited, also one that waits for another worker or role, seconds."""
+    now = datetime.now(UTC)
+    waits = [(now - one.waiting_since).total_seconds() for one in state.alarms if one.waiting_since is not None]
+    return round(max([state.longest_s, *waits]), 3)
 
 
 class Metrics:
@@ -64,7 +87,8 @@ class Metrics:
             "connections_made": ("Connections that it has made; all but the first followed a loss.",
                                  lambda: state.connections),
             "scenes_waiting": ("Scenes that waited for detection when it last looked.", lambda: state.waiting),
-            "longest_wait_seconds": ("How long the first of them had waited then.", lambda: state.longest_s),
+            "longest_wait_seconds": ("How long the first change has waited, also one of an attached table.",
+                                     lambda: _longest_wait_s(state)),
         }  # fmt: skip
         for name, (text, value) in shown.items():
             Gauge(f"conflictdb_{name}", text, registry=self._registry).set_function(value)
@@ -77,6 +101,7 @@ class Metrics:
                 for (scene, verdict, is_acknowledged), number in state.conflicts.items():
                     family.add_metric([scene, verdict, "yes" if is_acknowledged else "no"], number)
                 yield family
+                yield from _alarm_families(state, GaugeMetricFamily)
 
         self._registry.register(ConflictCollector())
 
@@ -95,6 +120,27 @@ class Metrics:
     def text(self) -> bytes:
         """Return all metrics in Prometheus's text format."""
         return self._text(self._registry)
+
+
+def _alarm_families(state: "WorkerState", family: Any) -> "Iterator[GaugeMetricFamily]":
+    """Yield the alarms of all scenes, as the worker read them last."""
+    values: dict[str, tuple[str, Callable[[SceneAlarm], float]]] = {
+        "current": ("Whether the conflicts of the scene are complete.", lambda one: one.is_current),
+        "current_since_seconds": ("Since when that is so, Unix time.", lambda one: state.since[one.scene].timestamp()),
+        "unmapped_rows": ("Rows of attached tables that are no objects.", lambda one: one.unmapped),
+        "last_run_failed": ("Whether the last detection of the scene failed.", lambda one: one.last_error is not None),
+    }
+    alarms = state.alarms
+    for name, (text, value) in values.items():
+        found = family(f"conflictdb_{name}", text, labels=["scene"])
+        for one in alarms:
+            found.add_metric([one.scene], float(value(one)))
+        yield found
+    broken = family("conflictdb_attachment_broken", "Whether it cannot be read or followed.", labels=["scene", "table"])
+    for one in alarms:
+        for table, problem in one.tables.items():
+            broken.add_metric([one.scene, table], float(problem is not None))
+    yield broken
 
 
 @contextmanager

@@ -1,8 +1,10 @@
 """`worker` and `status`."""
 
 import argparse
+import logging
 import sys
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -15,6 +17,7 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.client.database import Status
+from conflictdb.errors import ConflictDBError
 from conflictdb.formats.json_text import dumped
 from conflictdb.model.results import format_moment
 
@@ -30,7 +33,7 @@ def work(args: argparse.Namespace) -> int:
     from conflictdb.jobs.worker import EVERY_S, Worker
 
     log = _Log(args.log == "json")
-    with database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:
+    with log.of_package(), database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:
         worker = Worker(
             connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
         )
@@ -98,12 +101,39 @@ class _Log:
         else:
             out(run_text(scene, outcome), flush=True)
 
+    @contextmanager
+    def of_package(self) -> Iterator[None]:
+        """Log what this package logs, and errors, in the form of this log."""
+        logger, handler = logging.getLogger("conflictdb"), _Remarks(self.say)
+        logger.addHandler(handler)
+        logger.propagate, former = logger.propagate and not self.is_json, logger.propagate
+        try:
+            yield
+        except ConflictDBError as error:
+            if self.is_json:
+                _print_event("error", error=str(error))
+            raise
+        finally:
+            logger.removeHandler(handler)
+            logger.propagate = former
+
     def say(self, text: str) -> None:
         """Log a remark."""
         if self.is_json:
             _print_event("remark", text=text)
         else:
             remark(text)
+
+
+class _Remarks(logging.Handler):
+    """Passes warnings of the package on, as texts."""
+
+    def __init__(self, say: store.Say) -> None:
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._say(record.getMessage())
 
 
 def _print_event(event: str, **members: object) -> None:

@@ -9,9 +9,10 @@ import logging
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from random import SystemRandom
 from typing import Any, Final
 
@@ -80,6 +81,9 @@ class WorkerState:
     longest_s : longest waiting time then, seconds
     scene : the scene being detected, None between detections
     conflicts : their numbers by scene, verdict, and whether they are acknowledged, if the worker counts them
+    alarms : of all scenes, read with the numbers of conflicts
+    since : by scene, since when it is current, or is not: when its first change that waits was made, or when the worker
+        saw it first
     """
 
     is_connected: bool = False
@@ -89,6 +93,18 @@ class WorkerState:
     longest_s: float = 0.0
     scene: str | None = None
     conflicts: Mapping[tuple[str, str, bool], int] = field(default_factory=dict)
+    alarms: Sequence[store.SceneAlarm] = ()
+    since: Mapping[str, datetime] = field(default_factory=dict)
+
+    def alarmed(self, alarms: Sequence[store.SceneAlarm]) -> None:
+        """Take over alarms that were read now."""
+        former = {one.scene: one.is_current for one in self.alarms}
+        now = datetime.now(UTC)
+        since = {one.scene: self.since[one.scene] if former.get(one.scene) == one.is_current else now for one in alarms}
+        since |= {one.scene: one.waiting_since for one in alarms if not one.is_current and one.waiting_since}
+        # Another thread reads both: it finds an instant for each scene of either.
+        self.since = {**self.since, **since}
+        self.alarms = alarms
 
 
 @dataclass(slots=True)
@@ -196,6 +212,7 @@ class Worker:
                 self._round(connection, _SAY_BUSY_AFTER_S)
                 if self.counts and time.monotonic() - self._counted_at_s >= _COUNT_EVERY_S:
                     self.state.conflicts = store.counted_conflicts(connection)
+                    self.state.alarmed(store.scene_alarms(connection))
                     self._counted_at_s = time.monotonic()
                 pause_s = self._pause_s(connection, every_s)
         except (SchemaError, ReadOnlyDatabase):

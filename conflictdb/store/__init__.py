@@ -133,10 +133,12 @@ if TYPE_CHECKING:
     from conflictdb.store.service_rows import (
         HEARD_WITHIN_S,
         WORKER_NAME,
+        SceneAlarm,
         Service,
         WorkerStamp,
         listen,
         map_dsn,
+        scene_alarms,
         service,
         wait_for_change,
         worker_dsn,

@@ -6,13 +6,14 @@ import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, Final
 
 import psycopg
 from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
 from conflictdb.errors import ConflictDBError
-from conflictdb.store.connection import call, transaction, translated
+from conflictdb.store.connection import call, call_by_name, transaction, translated
 
 # Sessions of workers have this name; routine _worker_count uses it too.
 WORKER_NAME: Final = "conflictdb worker"
@@ -84,6 +85,31 @@ def service(conn: psycopg.Connection[Any]) -> Service:
     postgis_version, worker_count = call(conn, "_service")
     server_version = conn.info.parameter_status("server_version") or "?"
     return Service(server_version.partition(" ")[0], str(postgis_version), int(worker_count))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneAlarm:
+    """What somebody may have to be called for, of a scene.
+
+    waiting_since : when the first change was made that waits, also one of an attached table of another role; None: none
+    unmapped : rows of attached tables that are no objects
+    last_error : why the last detection failed; None: it did not
+    tables : attached tables, and why they cannot be read or followed; None: they can
+    """
+
+    scene: str
+    is_current: bool
+    waiting_since: datetime | None
+    unmapped: int
+    last_error: str | None
+    tables: dict[str, str | None]
+
+
+def scene_alarms(conn: psycopg.Connection[Any]) -> list[SceneAlarm]:
+    """Return the alarms of all scenes."""
+    with transaction(conn):
+        rows = call_by_name(conn, "_scene_alarms")
+    return [SceneAlarm(**{**row, "tables": row["tables"] or {}}) for row in rows]
 
 
 def worker_dsn(dsn: str) -> str:

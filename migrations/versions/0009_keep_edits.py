@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6bc8c37b3d85862c7388f181bc1af92ff7c6c58a5126f4c3f71f653c309a7cc4"
+routines_sha256 = "a1fa9692f3e790b814bf1d6c53f1191371f1c68aee20cd350bb637d382970c7a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -18,6 +18,7 @@ from patience import WAIT_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from conflictdb import connect, store
+from conflictdb.cli import main
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.errors import ConflictDBError
 from conflictdb.jobs.worker import Worker, WorkerState
@@ -105,6 +106,63 @@ def test_metrics_count_conflicts_by_scene_verdict_and_acknowledgement(dsn: str) 
     found = numbers(metrics.text().decode())
     assert found["conflictdb_conflicts", "yes", "strait", "conflict"] == 1
     assert found["conflictdb_conflicts", "no", "strait", "conflict"] == 6
+
+
+ATTACHED = """
+CREATE SCHEMA mission; CREATE TABLE mission.ops AS SELECT 1 AS id, ST_MakeEnvelope(0, 0, 1, 1, 4326) AS shape;
+INSERT INTO mission.ops VALUES (2, NULL);
+SELECT conflictdb.create_scene('s'),
+       conflictdb.attach('s', 'area', 'mission.ops', '{"key": "id", "footprint": "shape"}')
+"""
+
+
+def test_what_somebody_may_be_called_for_is_shown(dsn: str) -> None:
+    """A broken attachment, rows that are left out, a failed run, changes that wait for another role."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute(ATTACHED)
+    state = WorkerState(is_connected=True)
+    with connect(dsn) as db, served((HERE, 0), state, Metrics(state), 60.0) as port:
+
+        def shown() -> tuple[dict[str, Any], dict[tuple[str, ...], float]]:
+            state.alarmed(store.scene_alarms(db.connection))
+            health = json.loads(get(port, "/healthz")[1])
+            return health, numbers(get(port, "/metrics")[1])
+
+        health, metrics = shown()
+        assert not health["scenes"]["s"]["is_current"]
+        assert metrics["conflictdb_longest_wait_seconds",] > 0, "of the attached table"
+        assert metrics["conflictdb_current", "s"] == 0
+        db.scene("s").detect()
+        health, metrics = shown()
+        since = metrics["conflictdb_current_since_seconds", "s"]
+        assert (health["scenes"]["s"]["unmapped"], metrics["conflictdb_unmapped_rows", "s"]) == (1, 1)
+        assert metrics["conflictdb_current", "s"] == 1
+        assert metrics["conflictdb_longest_wait_seconds",] == metrics["conflictdb_last_run_failed", "s"] == 0
+        assert metrics["conflictdb_attachment_broken", "s", "mission.ops"] == 0
+        assert shown()[1]["conflictdb_current_since_seconds", "s"] == since
+        db.connection.execute("DROP TABLE mission.ops")
+        db.connection.execute("UPDATE conflictdb.run SET error = 'StoreError: no', conflicts = NULL")
+        db.connection.commit()
+        health, metrics = shown()
+        assert health["status"] == "ok", "a restart mends nothing"
+        assert "no longer exists" in health["scenes"]["s"]["tables"]["mission.ops"]
+        assert health["scenes"]["s"]["last_error"] == "StoreError: no"
+        assert metrics["conflictdb_attachment_broken", "s", "mission.ops"] == 1
+        assert metrics["conflictdb_last_run_failed", "s"] == 1
+        assert metrics["conflictdb_current", "s"] == 0
+        assert metrics["conflictdb_current_since_seconds", "s"] >= since
+
+
+def test_all_remarks_are_in_the_form_of_the_log(dsn: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """Also those that the package logs, as of a table that cannot be read."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute(ATTACHED)
+        conn.execute("ALTER TABLE mission.ops RENAME id TO nr")
+    assert main(["--dsn", dsn, "worker", "--once", "--log", "json"]) == 0
+    out, err = capfd.readouterr()
+    events = [json.loads(line) for line in out.splitlines()]
+    assert any(one["event"] == "remark" and "cannot be followed: column t.id" in one["text"] for one in events)
+    assert err == ""
 
 
 def test_who_says_nothing_keeps_nobody_waiting_and_a_port_in_use_is_told() -> None:
