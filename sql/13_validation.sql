@@ -1,5 +1,5 @@
 -- Triggers that check rows of scene, area and track, whoever writes them, and normalise them: spans become half-open,
--- infinite bounds become unbounded.
+-- infinite bounds become unbounded. Shapes of usual new rows are checked once per statement, all others row by row.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._ensure_centre(
     p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
@@ -44,13 +44,113 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _may_expand() IS 'Whether the current role may say when schedules are active: workers, restores.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_once(p_activations tstzmultirange, p_schedule jsonb)
+RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_activations IS NULL AND p_schedule IS NULL;
+END;
+COMMENT ON FUNCTION _is_once(tstzmultirange, jsonb) IS
+'Whether an area has one span, so that _areas_inserted checks its footprint. Inlined into expressions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_usual_footprint(
+    p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
+) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Operator @ compares bounding boxes.
+    SELECT coalesce(current_setting('conflictdb.max_vertices', true), '') = ''
+           AND ST_NumGeometries(p_footprint) = 1 AND ST_NPoints(p_footprint) BETWEEN 1 AND 1000000
+           AND p_footprint @ ST_MakeEnvelope(-180, -89, 180, 89, 4326)
+           AND ST_IsValidReason(p_footprint) = 'Valid Geometry'
+           AND CASE p_motion
+                   -- Within 180 degrees _to_plane does only this.
+                   WHEN 'rhumb' THEN p_earth = 'wgs84'
+                                     AND ST_IsValidReason(ST_Transform(p_footprint, 3395)) = 'Valid Geometry'
+                   ELSE p_centre_lon IS NOT NULL
+                        AND _box_is_near_centre(p_footprint, p_centre_lon, p_centre_lat)
+                        AND _stays_simple(p_footprint) END;
+END;
+COMMENT ON FUNCTION _is_usual_footprint(geometry, text, text, double precision, double precision) IS
+'Whether a footprint certainly has no error in a scene of these settings; most have none. Inlined into expressions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_area_shape(
+    p_who text, p_scene_id bigint, p_footprint geometry
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_who text := format('area %L', NEW.key);
     v_reason text;
     v_scene record;
 BEGIN
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = p_scene_id;
+    IF _is_usual_footprint(p_footprint, v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat) THEN
+        RETURN;
+    END IF;
+    -- PostGIS does not report a ring without points as empty, but does not dump it either.
+    IF p_footprint IS NULL OR ST_IsEmpty(p_footprint) OR ST_NPoints(p_footprint) = 0
+       OR (SELECT count(*) FROM ST_Dump(p_footprint) d WHERE ST_NPoints(d.geom) > 0) < ST_NumGeometries(p_footprint)
+    THEN
+        FOUND := _raise('ZC001', p_who, 'footprint', 'must be a MultiPolygon without empty parts',
+                        'footprint_not_empty');
+    END IF;
+    PERFORM _check_size(p_who, 'footprint', ST_NPoints(p_footprint), 'max_vertices');
+    v_reason := ST_IsValidReason(p_footprint);
+    IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(p_footprint) <= 89 AND ST_YMin(p_footprint) >= -89
+            AND ST_XMax(p_footprint) <= 360 AND ST_XMin(p_footprint) >= -360) THEN
+        PERFORM _check_coordinates(p_who, 'footprint', p_footprint, p_scene_id);
+        IF v_reason <> 'Valid Geometry' THEN
+            FOUND := _raise('ZC001', p_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
+                            'ST_MakeValid mends many polygons.');
+        END IF;
+    END IF;
+    IF ST_XMax(p_footprint) - ST_XMin(p_footprint) > 360 THEN
+        FOUND := _raise('ZC005', p_who, 'footprint', 'must not be wider than 360 degrees', 'footprint_within_a_turn');
+    END IF;
+    IF v_scene.motion = 'great_circle' THEN
+        IF v_scene.centre_lon IS NULL THEN
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(p_scene_id, p_footprint) c;
+        END IF;
+        PERFORM _check_near_centre(p_who, 'footprint', p_footprint, v_scene.centre_lon, v_scene.centre_lat);
+    END IF;
+    PERFORM _check_planar(p_who, p_footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
+                                                     v_scene.centre_lat));
+END
+$$;
+COMMENT ON FUNCTION _check_area_shape(text, bigint, geometry) IS
+'Raises SQLSTATE class ZC for a footprint that is invalid, too large or outside the plane of its scene. Gives a '
+'great-circle scene without a centre one.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_who text;
+BEGIN
+    -- One expression accepts usual new rows; all others pay for the checks one by one. _areas_inserted checks their
+    -- footprints, all at once; not of replicated rows, for which no trigger of a statement runs.
+    IF TG_OP = 'INSERT' AND NEW.first_version = 0 AND current_setting('session_replication_role') <> 'replica'
+       AND _is_once(NEW.activations, NEW.schedule) AND NEW.schedule_error IS NULL AND NEW.footprint IS NOT NULL
+       AND NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+       AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+       /* area checked: AND VALID(NEW) */
+       AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
+       AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+       /* end */
+       AND NOT (NEW.properties ? 'vertical_datum')
+       AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
+       AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
+       AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
+       AND NOT isempty(NEW.active_span) AND (lower_inc(NEW.active_span) OR lower_inf(NEW.active_span))
+       AND NOT upper_inc(NEW.active_span)
+       AND (lower(NEW.active_span) >= '0001-01-01 00:00+00' AND lower(NEW.active_span) < '10000-01-01 00:00+00')
+           IS NOT FALSE
+       AND (upper(NEW.active_span) > '0001-01-01 00:00+00' AND upper(NEW.active_span) < '10000-01-01 00:00+00')
+           IS NOT FALSE
+    THEN
+        NEW.version := nextval('version_seq');
+        NEW.first_version := NEW.version;
+        RETURN NEW;
+    END IF;
+    v_who := format('area %L', NEW.key);
     NEW.active_span := coalesce(NEW.active_span, tstzrange(NULL, NULL));
     IF upper_inc(NEW.active_span) OR NOT (lower_inc(NEW.active_span) OR lower_inf(NEW.active_span))
        OR lower(NEW.active_span) = '-infinity' OR upper(NEW.active_span) = 'infinity' THEN
@@ -98,8 +198,11 @@ BEGIN
             FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
-        NEW.version := OLD.version;
-        NEW.first_version := OLD.first_version;
+        -- Only _after_object_change raises them, of a new object.
+        IF (NEW.version > OLD.version AND NEW.first_version = NEW.version AND _may_expand()) IS NOT TRUE THEN
+            NEW.version := OLD.version;
+            NEW.first_version := OLD.first_version;
+        END IF;
         IF (
             NEW.key,
             /* area answers: NEW.NAME */
@@ -123,79 +226,21 @@ BEGIN
             RETURN NEW;
         END IF;
     END IF;
-    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
-    -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
-    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-        AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
-        /* area checked: AND VALID(NEW) */
-        AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
-        AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
-        /* end */
-        AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
-        AND NOT isempty(NEW.active_span)
-        AND (lower(NEW.active_span) >= '0001-01-01 00:00+00' AND lower(NEW.active_span) < '10000-01-01 00:00+00')
-            IS NOT FALSE
-        AND (upper(NEW.active_span) > '0001-01-01 00:00+00' AND upper(NEW.active_span) < '10000-01-01 00:00+00')
-            IS NOT FALSE
-        AND coalesce(current_setting('conflictdb.max_vertices', true), '') = ''
-        AND ST_NumGeometries(NEW.footprint) = 1 AND ST_NPoints(NEW.footprint) BETWEEN 1 AND 1000000
-        AND NEW.footprint @ ST_MakeEnvelope(-180, -89, 180, 89, 4326)
-        AND ST_IsValidReason(NEW.footprint) = 'Valid Geometry'
-        AND CASE v_scene.motion
-                -- Within 180 degrees _to_plane does only this.
-                WHEN 'rhumb' THEN v_scene.earth = 'wgs84'
-                                  AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry'
-                ELSE v_scene.centre_lon IS NOT NULL
-                     AND _box_is_near_centre(NEW.footprint, v_scene.centre_lon, v_scene.centre_lat)
-                     AND _stays_simple(NEW.footprint) END)
-       IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
-        /* area checked: CHECK(NEW) */
-        PERFORM _check_word(v_who, 'class', NEW.class);
-        PERFORM _check_word(v_who, 'owner', NEW.owner);
-        /* end */
-        -- PostGIS does not report a ring without points as empty, but does not dump it either.
-        IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
-           OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
-              < ST_NumGeometries(NEW.footprint) THEN
-            FOUND := _raise('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
-                            'footprint_not_empty');
-        END IF;
-        PERFORM _check_size(v_who, 'footprint', ST_NPoints(NEW.footprint), 'max_vertices');
-        v_reason := ST_IsValidReason(NEW.footprint);
-        IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(NEW.footprint) <= 89 AND ST_YMin(NEW.footprint) >= -89
-                AND ST_XMax(NEW.footprint) <= 360 AND ST_XMin(NEW.footprint) >= -360) THEN
-            PERFORM _check_coordinates(v_who, 'footprint', NEW.footprint, NEW.scene_id);
-            IF v_reason <> 'Valid Geometry' THEN
-                FOUND := _raise('ZC001', v_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
-                                'ST_MakeValid mends many polygons.');
-            END IF;
-        END IF;
-        IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
-            FOUND := _raise('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees',
-                            'footprint_within_a_turn');
-        END IF;
-        IF v_scene.motion = 'great_circle' THEN
-            IF v_scene.centre_lon IS NULL THEN
-                SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat
-                    FROM _ensure_centre(NEW.scene_id, NEW.footprint) c;
-            END IF;
-            PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
-        END IF;
-        PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
-                                                           v_scene.centre_lat));
-        IF isempty(NEW.active_span) THEN
-            FOUND := _raise('ZC003', v_who, 'active_span',
-                            'must hold at least one instant: end must be later than start', 'span_not_empty');
-        END IF;
-        -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
-        IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
-           OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
-            FOUND := _raise('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
-                            'Leave out a bound if there is none.');
-        END IF;
+    PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
+    /* area checked: CHECK(NEW) */
+    PERFORM _check_word(v_who, 'class', NEW.class);
+    PERFORM _check_word(v_who, 'owner', NEW.owner);
+    /* end */
+    PERFORM _check_area_shape(v_who, NEW.scene_id, NEW.footprint);
+    IF isempty(NEW.active_span) THEN
+        FOUND := _raise('ZC003', v_who, 'active_span',
+                        'must hold at least one instant: end must be later than start', 'span_not_empty');
+    END IF;
+    -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
+    IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
+       OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
+        FOUND := _raise('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
+                        'Leave out a bound if there is none.');
     END IF;
     IF TG_OP = 'UPDATE' THEN
         -- Greater than the previous version, even if a restore set the sequence back.
@@ -213,14 +258,186 @@ $$;
 COMMENT ON FUNCTION _area_before() IS
 'Trigger: checks an area (SQLSTATE class ZC), normalises its span, and sets a new version if its content changed.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._track_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._in_microseconds(p_path geometry) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_SnapToGrid(p_path, ST_MakePoint(0, 0), 0, 0, 0, 1e-6);
+END;
+COMMENT ON FUNCTION _in_microseconds(geometry) IS
+'A path whose times are whole microseconds: simultaneous waypoints are removed, or their times do not increase. '
+'Inlined into expressions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_steady(
+    p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb,
+    p_departures timestamptz[], p_schedule jsonb, p_grow_mps double precision
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_outlines IS NULL AND p_floors_m IS NULL AND p_ceilings_m IS NULL AND p_tolerances IS NULL
+           AND p_departures IS NULL AND p_schedule IS NULL AND p_grow_mps = 0;
+END;
+COMMENT ON FUNCTION _is_steady(geometry, double precision[], double precision[], jsonb, timestamptz[], jsonb,
+                               double precision) IS
+'Whether a track makes one voyage as planned, with one haven between two heights, so that _tracks_inserted checks it. '
+'Inlined into expressions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_usual_course(
+    p_path geometry, p_outline geometry, p_motion text
+) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- A haven of 500 km does not reach a pole from 80 degrees.
+    SELECT p_motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
+           AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
+           AND ST_NPoints(p_path) BETWEEN 2 AND 1000000
+           AND p_path @ ST_MakeEnvelope(-360, -80, 360, 80, 4326)
+           -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
+           AND ST_Length(p_path) < 'infinity' AND ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity'
+           AND ST_M(ST_StartPoint(p_path)) >= -62135596800 AND ST_M(ST_EndPoint(p_path)) < 253402300800
+           AND ST_NPoints(_in_microseconds(p_path)) = ST_NPoints(p_path)
+           AND ST_IsValidTrajectory(_in_microseconds(p_path))
+           AND NOT ST_IsEmpty(p_outline) AND ST_NumInteriorRings(p_outline) = 0 AND ST_SRID(p_outline) = 0
+           AND ST_NPoints(p_outline) <= 10001 AND p_outline @ ST_MakeEnvelope(-500000, -500000, 500000, 500000)
+           AND ST_Length(ST_ExteriorRing(p_outline)) < 'infinity'
+           AND 1e12 * abs(ST_Area(ST_ConvexHull(p_outline)) - ST_Area(p_outline)) <= ST_Area(p_outline);
+END;
+COMMENT ON FUNCTION _is_usual_course(geometry, geometry, text) IS
+'Whether the path of a track and its haven, which stays as it is, certainly have no error in a scene of this motion; '
+'most have none. Inlined into expressions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_track_shape(
+    p_who text, p_track track, p_is_new boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_who text := format('track %L', NEW.key);
     v_times geometry;
     v_scene record;
     v_widest geometry;
 BEGIN
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = p_track.scene_id;
+    IF _is_steady(p_track.outlines, p_track.floors_m, p_track.ceilings_m, p_track.tolerances, p_track.departures,
+                  p_track.schedule, p_track.grow_mps)
+       AND _is_usual_course(p_track.path, p_track.outline, v_scene.motion) THEN
+        RETURN;
+    END IF;
+    v_times := _in_microseconds(p_track.path);
+    IF p_track.path IS NULL OR ST_NPoints(p_track.path) < 2 THEN
+        FOUND := _raise('ZC001', p_who, 'path', 'needs at least two waypoints', 'path_of_two',
+                        'track_path(waypoints, times) makes a path; it is null without times.');
+    END IF;
+    PERFORM _check_size(p_who, 'path', ST_NPoints(p_track.path), 'max_waypoints');
+    IF p_track.tolerances IS NOT NULL AND num_nonnulls(p_track.departures, p_track.schedule) > 0 THEN
+        FOUND := _raise('ZC003', p_who, 'tolerances', 'must not be given for a voyage that is repeated',
+                        'tolerances_of_one_voyage', 'Give each voyage as a track.');
+    END IF;
+    IF p_track.departures IS NOT NULL THEN
+        PERFORM _check_departures(p_who, p_track.path, p_track.departures);
+    END IF;
+    IF p_track.outlines IS NOT NULL THEN
+        PERFORM _check_size(p_who, 'outlines', ST_NPoints(p_track.outlines), 'max_vertices');
+    END IF;
+    IF p_track.tolerances IS NOT NULL THEN
+        PERFORM _check_tolerances(p_who, p_track.tolerances, p_track.path);
+        IF p_track.outlines IS NOT NULL OR p_track.grow_mps > 0 THEN
+            FOUND := _raise('ZC007', p_who, 'tolerances', 'must not be given for a haven that changes',
+                            'tolerances_of_ships', 'Give the outline of the ship.');
+        END IF;
+    END IF;
+    IF num_nonnulls(p_track.floors_m, p_track.ceilings_m) > 0 THEN
+        PERFORM _check_leg_heights(p_who, p_track.path, p_track.floor_m, p_track.ceiling_m, p_track.floors_m,
+                                   p_track.ceilings_m);
+    END IF;
+    -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
+    IF NOT (ST_Length(p_track.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(p_track.path, 'xm')) < 'infinity') THEN
+        FOUND := _raise('ZC001', p_who, 'path', 'coordinates and times must be finite numbers',
+                        'coordinates_finite');
+    END IF;
+    IF NOT (ST_YMax(p_track.path) <= 89 AND ST_YMin(p_track.path) >= -89
+            AND ST_XMax(p_track.path) <= 360 AND ST_XMin(p_track.path) >= -360) THEN
+        PERFORM _check_coordinates(p_who, 'path', p_track.path, p_track.scene_id);
+    END IF;
+    IF ST_NPoints(v_times) < ST_NPoints(p_track.path) OR NOT ST_IsValidTrajectory(v_times)
+       OR ST_M(ST_StartPoint(p_track.path)) < -62135596800 OR ST_M(ST_EndPoint(p_track.path)) >= 253402300800 THEN
+        PERFORM _check_times(p_who, p_track.path);
+    END IF;
+    IF p_is_new THEN
+        PERFORM _check_speed(p_who, p_track.path);
+    END IF;
+    IF p_track.outline IS NULL OR ST_IsEmpty(p_track.outline) OR ST_NumInteriorRings(p_track.outline) > 0
+       OR NOT ST_Length(ST_ExteriorRing(p_track.outline)) < 'infinity' OR ST_SRID(p_track.outline) <> 0 THEN
+        FOUND := _raise('ZC006', p_who, 'outline',
+                        'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
+    END IF;
+    -- The kernel's limit; the ring repeats its first vertex.
+    IF ST_NPoints(p_track.outline) > 10001 THEN
+        FOUND := _raise('ZC006', p_who, 'outline',
+                        format('must have at most 10000 corners; got %s', ST_NPoints(p_track.outline) - 1),
+                        'outline_corners', 'ST_Simplify leaves fewer.');
+    END IF;
+    v_widest := coalesce(p_track.outlines, p_track.outline);
+    IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508
+       OR greatest(ST_XMax(p_track.outline), -ST_XMin(p_track.outline), ST_YMax(p_track.outline),
+                   -ST_YMin(p_track.outline)) > 20037508
+    THEN
+        FOUND := _raise('ZC006', p_who, 'outline',
+                        'must lie within 20037508 m of the reference point: half round the earth',
+                        'outline_on_earth');
+    END IF;
+    -- Not as a fraction of the area: PostgreSQL raises an error if a product underflows.
+    IF 1e12 * abs(ST_Area(ST_ConvexHull(p_track.outline)) - ST_Area(p_track.outline)) > ST_Area(p_track.outline) THEN
+        PERFORM _check_outline(p_who, p_track.outline);
+    END IF;
+    v_widest := p_track.outline;
+    IF p_track.grow_mps <> 0 OR p_track.outlines IS NOT NULL THEN
+        PERFORM _check_growth(p_who, p_track.path, p_track.outline, p_track.grow_mps, p_track.outlines);
+        v_widest := coalesce(p_track.outlines, _grown_outline(
+            p_track.outline, p_track.grow_mps * (ST_M(ST_EndPoint(p_track.path)) - ST_M(ST_StartPoint(p_track.path)))));
+    END IF;
+    IF v_scene.motion = 'great_circle' THEN
+        IF v_scene.centre_lon IS NULL THEN
+            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat
+                FROM _ensure_centre(p_track.scene_id, p_track.path) c;
+        END IF;
+        PERFORM _check_near_centre(p_who, 'path', p_track.path, v_scene.centre_lon, v_scene.centre_lat);
+        PERFORM _check_haven_near_centre(p_who, p_track.path, p_track.outline, v_scene.centre_lon, v_scene.centre_lat,
+                                         p_track.grow_mps, p_track.outlines);
+    -- A degree of latitude is at least 110,574 m.
+    ELSIF greatest(ST_YMax(p_track.path), -ST_YMin(p_track.path))
+       + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
+        PERFORM _check_haven(p_who, p_track.path, p_track.outline, v_scene.earth, p_track.grow_mps, p_track.outlines);
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_track_shape(text, track, boolean) IS
+'Raises SQLSTATE class ZC for a path, a haven, heights of legs, tolerances or departures that are invalid, or outside '
+'the plane of its scene, and for speeds beyond the limit if p_is_new. Gives a great-circle scene without a centre one.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._track_before() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_who text;
+BEGIN
+    -- As in _area_before; _tracks_inserted checks paths and havens.
+    IF TG_OP = 'INSERT' AND NEW.first_version = 0 AND current_setting('session_replication_role') <> 'replica'
+       AND _is_steady(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures, NEW.schedule,
+                      NEW.grow_mps)
+       AND NEW.schedule_error IS NULL AND NEW.path IS NOT NULL AND NEW.outline IS NOT NULL
+       AND NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+       AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+       /* track checked: AND VALID(NEW) */
+       AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
+       AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
+       /* end */
+       AND NOT (NEW.properties ? 'vertical_datum')
+       AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
+       AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
+       AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
+    THEN
+        NEW.version := nextval('version_seq');
+        NEW.first_version := NEW.version;
+        RETURN NEW;
+    END IF;
+    v_who := format('track %L', NEW.key);
     NEW.properties := coalesce(NEW.properties, '{}');
     /* track documents: NEW.NAME := nullif(NEW.NAME, 'null'); */
     NEW.tolerances := nullif(NEW.tolerances, 'null');
@@ -261,8 +478,11 @@ BEGIN
             FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
-        NEW.version := OLD.version;
-        NEW.first_version := OLD.first_version;
+        -- Only _after_object_change raises them, of a new object.
+        IF (NEW.version > OLD.version AND NEW.first_version = NEW.version AND _may_expand()) IS NOT TRUE THEN
+            NEW.version := OLD.version;
+            NEW.first_version := OLD.first_version;
+        END IF;
         NEW.departures := CASE
             -- Those of a schedule that is taken away stay: nobody can tell them from departures that are written again.
             WHEN NEW.schedule IS NULL THEN NEW.departures
@@ -301,127 +521,15 @@ BEGIN
             END IF;
         END IF;
     END IF;
-    -- After snapping to microseconds, simultaneous waypoints are removed or make M non-increasing.
-    v_times := ST_SnapToGrid(NEW.path, ST_MakePoint(0, 0), 0, 0, 0, 1e-6);
-    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
-    -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
-    -- A haven of 500 km does not reach a pole from 80 degrees.
-    IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-        AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
-        /* track checked: AND VALID(NEW) */
-        AND (octet_length(NEW.class) BETWEEN 1 AND 200) IS NOT FALSE
-        AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
-        /* end */
-        AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
-        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures) = 0
-        AND NEW.grow_mps = 0
-        AND v_scene.motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
-        AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
-        AND ST_NPoints(NEW.path) BETWEEN 2 AND 1000000
-        AND NEW.path @ ST_MakeEnvelope(-360, -80, 360, 80, 4326)
-        -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
-        AND ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity'
-        AND ST_M(ST_StartPoint(NEW.path)) >= -62135596800 AND ST_M(ST_EndPoint(NEW.path)) < 253402300800
-        AND ST_NPoints(v_times) = ST_NPoints(NEW.path) AND ST_IsValidTrajectory(v_times)
-        AND NOT ST_IsEmpty(NEW.outline) AND ST_NumInteriorRings(NEW.outline) = 0 AND ST_SRID(NEW.outline) = 0
-        AND ST_NPoints(NEW.outline) <= 10001 AND NEW.outline @ ST_MakeEnvelope(-500000, -500000, 500000, 500000)
-        AND ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity'
-        AND 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) <= ST_Area(NEW.outline))
-       IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
-        /* track checked: CHECK(NEW) */
-        PERFORM _check_word(v_who, 'class', NEW.class);
-        PERFORM _check_word(v_who, 'owner', NEW.owner);
-        /* end */
-        IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
-            FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two',
-                            'track_path(waypoints, times) makes a path; it is null without times.');
-        END IF;
-        PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
-        IF NEW.tolerances IS NOT NULL AND num_nonnulls(NEW.departures, NEW.schedule) > 0 THEN
-            FOUND := _raise('ZC003', v_who, 'tolerances', 'must not be given for a voyage that is repeated',
-                            'tolerances_of_one_voyage', 'Give each voyage as a track.');
-        END IF;
-        IF NEW.departures IS NOT NULL THEN
-            PERFORM _check_departures(v_who, NEW.path, NEW.departures);
-        END IF;
-        IF NEW.outlines IS NOT NULL THEN
-            PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
-        END IF;
-        IF NEW.tolerances IS NOT NULL THEN
-            PERFORM _check_tolerances(v_who, NEW.tolerances, NEW.path);
-            IF NEW.outlines IS NOT NULL OR NEW.grow_mps > 0 THEN
-                FOUND := _raise('ZC007', v_who, 'tolerances', 'must not be given for a haven that changes',
-                                'tolerances_of_ships', 'Give the outline of the ship.');
-            END IF;
-        END IF;
-        IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
-            PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
-        END IF;
-        -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
-        IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN
-            FOUND := _raise('ZC001', v_who, 'path', 'coordinates and times must be finite numbers',
-                            'coordinates_finite');
-        END IF;
-        IF NOT (ST_YMax(NEW.path) <= 89 AND ST_YMin(NEW.path) >= -89
-                AND ST_XMax(NEW.path) <= 360 AND ST_XMin(NEW.path) >= -360) THEN
-            PERFORM _check_coordinates(v_who, 'path', NEW.path, NEW.scene_id);
-        END IF;
-        IF ST_NPoints(v_times) < ST_NPoints(NEW.path) OR NOT ST_IsValidTrajectory(v_times)
-           OR ST_M(ST_StartPoint(NEW.path)) < -62135596800 OR ST_M(ST_EndPoint(NEW.path)) >= 253402300800 THEN
-            PERFORM _check_times(v_who, NEW.path);
-        END IF;
-        -- A restore or replica brings tracks accepted elsewhere under another limit; only they provide first_version.
-        IF current_setting('session_replication_role') <> 'replica'
-           AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
-                           ELSE NEW.path IS DISTINCT FROM OLD.path END) THEN
-            PERFORM _check_speed(v_who, NEW.path);
-        END IF;
-        IF NEW.outline IS NULL OR ST_IsEmpty(NEW.outline) OR ST_NumInteriorRings(NEW.outline) > 0
-           OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
-            FOUND := _raise('ZC006', v_who, 'outline',
-                            'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
-        END IF;
-        -- The kernel's limit; the ring repeats its first vertex.
-        IF ST_NPoints(NEW.outline) > 10001 THEN
-            FOUND := _raise('ZC006', v_who, 'outline',
-                            format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
-                            'outline_corners', 'ST_Simplify leaves fewer.');
-        END IF;
-        v_widest := coalesce(NEW.outlines, NEW.outline);
-        IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508
-           OR greatest(ST_XMax(NEW.outline), -ST_XMin(NEW.outline), ST_YMax(NEW.outline), -ST_YMin(NEW.outline))
-              > 20037508
-        THEN
-            FOUND := _raise('ZC006', v_who, 'outline',
-                            'must lie within 20037508 m of the reference point: half round the earth',
-                            'outline_on_earth');
-        END IF;
-        -- Not as a fraction of the area: PostgreSQL raises an error if a product underflows.
-        IF 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > ST_Area(NEW.outline) THEN
-            PERFORM _check_outline(v_who, NEW.outline);
-        END IF;
-        v_widest := NEW.outline;
-        IF NEW.grow_mps <> 0 OR NEW.outlines IS NOT NULL THEN
-            PERFORM _check_growth(v_who, NEW.path, NEW.outline, NEW.grow_mps, NEW.outlines);
-            v_widest := coalesce(NEW.outlines, _grown_outline(
-                NEW.outline, NEW.grow_mps * (ST_M(ST_EndPoint(NEW.path)) - ST_M(ST_StartPoint(NEW.path)))));
-        END IF;
-        IF v_scene.motion = 'great_circle' THEN
-            IF v_scene.centre_lon IS NULL THEN
-                SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.path) c;
-            END IF;
-            PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
-            PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,
-                                             NEW.grow_mps, NEW.outlines);
-        -- A degree of latitude is at least 110,574 m.
-        ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
-           + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
-            PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
-        END IF;
-    END IF;
+    PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class);
+    /* track checked: CHECK(NEW) */
+    PERFORM _check_word(v_who, 'class', NEW.class);
+    PERFORM _check_word(v_who, 'owner', NEW.owner);
+    /* end */
+    -- A restore or replica brings tracks accepted elsewhere under another limit; only they provide first_version.
+    PERFORM _check_track_shape(v_who, NEW, current_setting('session_replication_role') <> 'replica'
+        AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
+                        ELSE NEW.path IS DISTINCT FROM OLD.path END));
     IF TG_OP = 'UPDATE' THEN
         -- Greater than the previous version, even if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
@@ -437,6 +545,40 @@ END
 $$;
 COMMENT ON FUNCTION _track_before() IS
 'Trigger: checks a track (SQLSTATE class ZC) and sets a new version if its content changed.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._areas_inserted() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _check_area_shape(format('area %L', n.key), n.scene_id, n.footprint)
+        FROM (SELECT r.area_id, r.key, r.scene_id, r.footprint
+              FROM new_rows r LEFT JOIN scene s ON s.scene_id = r.scene_id
+              WHERE _is_once(r.activations, r.schedule)
+                AND _is_usual_footprint(r.footprint, s.motion, s.earth, s.centre_lon, s.centre_lat) IS NOT TRUE
+              ORDER BY r.area_id OFFSET 0) n;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _areas_inserted() IS
+'Trigger, once per statement: checks the footprints of new areas (SQLSTATE class ZC) that _area_before has accepted.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._tracks_inserted() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_track track%ROWTYPE;
+BEGIN
+    FOR v_track IN
+        SELECT r.* FROM new_rows r LEFT JOIN scene s ON s.scene_id = r.scene_id
+        WHERE _is_steady(r.outlines, r.floors_m, r.ceilings_m, r.tolerances, r.departures, r.schedule, r.grow_mps)
+          AND _is_usual_course(r.path, r.outline, s.motion) IS NOT TRUE
+        ORDER BY r.track_id
+    LOOP
+        PERFORM _check_track_shape(format('track %L', v_track.key), v_track, true);
+    END LOOP;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _tracks_inserted() IS
+'Trigger, once per statement: checks paths and havens of new tracks (SQLSTATE class ZC) that _track_before has accepted.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_prune(p_who text, p_owner name) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
@@ -655,6 +797,10 @@ CREATE OR REPLACE TRIGGER area_before BEFORE INSERT OR UPDATE ON area
     FOR EACH ROW EXECUTE FUNCTION _area_before();
 CREATE OR REPLACE TRIGGER track_before BEFORE INSERT OR UPDATE ON track
     FOR EACH ROW EXECUTE FUNCTION _track_before();
+CREATE OR REPLACE TRIGGER area_check_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _areas_inserted();
+CREATE OR REPLACE TRIGGER track_check_inserted AFTER INSERT ON track REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _tracks_inserted();
 -- Also for replicated rows: detection could not process an invalid row.
 ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_before;
 ALTER TABLE area ENABLE ALWAYS TRIGGER area_before;

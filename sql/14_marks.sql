@@ -44,6 +44,7 @@ DECLARE
     v_claimed bigint;
     v_taken text;
     v_marked bigint;
+    v_is_former boolean;
 BEGIN
     IF TG_OP IN ('UPDATE', 'DELETE') THEN
         -- INSERT ... ON CONFLICT DO UPDATE calls both triggers.
@@ -61,6 +62,20 @@ BEGIN
                        'JOIN scene s ON s.scene_id = o.scene_id', v_id) USING v_kind;
         GET DIAGNOSTICS v_marked = ROW_COUNT;
     ELSE
+        IF TG_OP = 'INSERT' THEN
+            -- A restore may have set the sequences back: then a former object had the same id, and versions as high.
+            EXECUTE format('SELECT EXISTS (SELECT FROM new_rows n JOIN piece p ON p.object_kind = $1 '
+                           'AND p.object_id = n.%1$I AND p.version >= n.version) '
+                           'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.a_kind = $1 AND c.a_id = n.%1$I '
+                           'AND c.a_version >= n.version) '
+                           'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.b_kind = $1 AND c.b_id = n.%1$I '
+                           'AND c.b_version >= n.version)', v_id) INTO v_is_former USING v_kind;
+            IF v_is_former THEN
+                EXECUTE format('UPDATE %I o SET version = n.version, first_version = n.version '
+                               'FROM (SELECT r.%2$I, _first_version($1, r.%2$I) AS version FROM new_rows r OFFSET 0) n '
+                               'WHERE n.%2$I = o.%2$I', TG_TABLE_NAME, v_id) USING v_kind;
+            END IF;
+        END IF;
         v_renamed := CASE TG_OP WHEN 'UPDATE' THEN format('JOIN old_rows o ON o.%1$I = n.%1$I AND o.key <> n.key', v_id)
                                 ELSE '' END;
         EXECUTE format('SELECT count(*) FROM new_rows n %s', v_renamed) INTO v_wanted;

@@ -106,8 +106,8 @@ BEGIN
     PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
     -- Serialise loads of one scene.
     PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
-    ANALYZE pg_temp.staged_area;
-    ANALYZE pg_temp.staged_track;
+    ANALYZE pg_temp.staged_area (key);
+    ANALYZE pg_temp.staged_track (key);
     SELECT k.key INTO v_key
         FROM (SELECT a.key FROM pg_temp.staged_area a UNION ALL SELECT t.key FROM pg_temp.staged_track t) k
         GROUP BY k.key HAVING count(*) > 1 ORDER BY k.key LIMIT 1;

@@ -109,7 +109,8 @@ END
 $$;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, put_rule, remove_rule, _put_rules, _set_columns,
                           remove_object, request_detection, _set_scene, _put_scene,
-                          _ensure_centre, _first_version, _begin_load, _load, _add_staged, _mark_all, share_scene,
+                          _ensure_centre, _check_area_shape, _check_track_shape, _first_version, _begin_load,
+                          _load, _add_staged, _mark_all, share_scene,
                           unshare_scene, give_scene, rename_scene, copy_scene, remove_scene, rename_object,
                           create_branch, drop_branch, merge_branch, _free_orphan_name, _before_scene_name,
                           _begin_admission, _admission_holders, _put_plans, admit, wait_for_admission

@@ -201,3 +201,23 @@ def test_new_objects_are_stored_in_parts_all_or_none(dsn: str) -> None:
     keys = [key for (key,) in told(dsn, "SELECT key FROM conflictdb.area ORDER BY area_id")]
     assert keys == [*(f"A{i:04}" for i in range(9)), "B"]
     assert told(dsn, "SELECT count(*) FROM conflictdb.object_key") == [(10,)]
+
+
+def test_new_rows_are_checked_together(dsn: str) -> None:
+    """No routine checks a usual row by itself, or looks for a former object of its number; a bad row is refused."""
+    tracks = [track(f"T{i}", 9.0) for i in range(300)]
+    with psycopg.connect(dsn) as conn, conn.transaction(force_rollback=True):
+        conn.execute("SET LOCAL track_functions = 'all'")
+        store.replace_scene(conn, SCENE, many(300), tracks, merge=True)
+        calls = dict(conn.execute("SELECT funcname, calls FROM pg_stat_xact_user_functions").fetchall())
+        by_row = {name: n for name, n in calls.items() if n >= 300 and name.startswith("_")}
+        assert by_row == {"_area_before": 300, "_track_before": 300}
+        assert not {"_first_version", "_check_area_shape", "_check_track_shape"} & calls.keys()
+        text = "SRID=4326;MULTIPOLYGON(((0 0, {} 1, 1 0, 0 1, 0 0)))"
+        with pytest.raises(psycopg.errors.DatabaseError) as refused, conn.transaction():
+            conn.execute(
+                "INSERT INTO conflictdb.area (scene_id, key, footprint) SELECT s.scene_id, k.key, k.shape::geometry"
+                " FROM conflictdb.scene s, (VALUES ('good', %s), ('bad', %s)) k (key, shape)",
+                [text.format(0.2).replace("1 0, 0 1", "0.4 1, 0.4 0"), text.format(1)],
+            )
+        assert (refused.value.sqlstate, refused.value.diag.constraint_name) == ("ZC001", "footprint_valid")
