@@ -7,7 +7,7 @@ come too close in size are merged. A tree never changes, so questions need no lo
 
 import threading
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, Self
@@ -34,6 +34,10 @@ from conflictdb.model.results import Conflict, Results
 from conflictdb.model.rules import check_word
 
 _NO_TRACKS: Final = TrackBatch.of([])
+# Fewer plans than this that are put together wait until others were put, or a question is asked.
+_FEW: Final = 32
+# Plans that wait at most.
+_WAITING: Final = 500
 # The fields of plans that count.
 _AREA_FIELDS, _TRACK_FIELDS = (
     attrgetter(*(one.name for one in fields(kind) if one.name != "properties")) for kind in (Area, Track)
@@ -65,6 +69,8 @@ class Index:
         self._owners: dict[_Name, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
+        # Plans of the newest state that are in no tree yet: many are cut at once.
+        self._waiting: list[tuple[_Object, Plan]] = []
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
@@ -102,7 +108,11 @@ class Index:
         with self._lock:
             world = self._put_world(given)
             self._scene = world.setup.scene
-        mine = self._cut.members(world, given)
+        mine = self._cut.known(world, given)
+        if mine is None and len(given) < _FEW and not has_schedules(given):
+            world.fit(*by_kind(given))
+        elif mine is None:
+            mine = self._cut.members(world, given)
         names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
         # Plans that are their own owners may state another, as in a scene.
         stated = [one.owner if owner is None else owner for one in given]
@@ -110,7 +120,6 @@ class Index:
         objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
         for item in objects:
             item.owner.keys.append(item.plan.key)
-        added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
         with self._lock:
             # Plans that are their own owners may take the place of several owners.
             former = {name: self._owners[name] for name in names if name in self._owners}
@@ -129,7 +138,14 @@ class Index:
             self._forget([*former.values()], number)
             self._owners |= owners
             self._owner_of |= {item.plan.key: item.owner for item in objects}
-            self._state = self._state.with_plans(self._scene, added, number, len(self))
+            if mine is None:
+                self._state = self._state.without_dead(self._scene, number, self._live())
+                self._waiting += [(item, _copied(item.plan)) for item in objects]
+                if len(self._waiting) >= _WAITING:
+                    self._cut_waiting()
+            else:
+                added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
+                self._state = self._state.with_plans(self._scene, added, number, self._live())
 
     def remove(self, owner: str) -> bool:
         """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
@@ -142,7 +158,7 @@ class Index:
                 return False
             number = self._state.number + 1
             self._forget(known, number)
-            self._state = self._state.without_dead(self._scene, number, len(self))
+            self._state = self._state.without_dead(self._scene, number, self._live())
         return True
 
     def probe(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> Results[Conflict]:
@@ -210,6 +226,7 @@ class Index:
 
         Needs the lock. The index changes as the clock demands, never as the plans do.
         """
+        self._cut_waiting()
         window = self._window
         if window is not None:
             self._expand_again(horizon(self._scene, self._touched, known=window))
@@ -240,8 +257,21 @@ class Index:
                 self._owners[owner.name] = owner
                 self._owner_of |= dict.fromkeys(owner.keys, owner)
             for _, added in extra.levels:
-                self._state = self._state.with_plans(self._scene, added, number, len(self))
+                self._state = self._state.with_plans(self._scene, added, number, self._live())
         self._window = window
+
+    def _live(self) -> int:
+        """Return the number of plans in trees."""
+        return len(self) - sum(item.owner.ended is None for item, _ in self._waiting)
+
+    def _cut_waiting(self) -> None:
+        """Put the plans that are in no tree into one; needs the lock."""
+        live = [(item, plan) for item, plan in self._waiting if item.owner.ended is None]
+        self._waiting = []
+        if live:
+            cut = Members.of_plans(World(Setup.of(self._scene)), [plan for _, plan in live])
+            added = _Put(cut.pieces, cut.of.astype(np.int32), [item for item, _ in live])
+            self._state = self._state.with_plans(self._scene, added, self._state.number, len(self))
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
         """Hide the plans of owners from the state of a number on."""
@@ -398,12 +428,33 @@ class _LastCut(threading.local):
 
     def members(self, world: World, plans: Sequence[Plan]) -> Members:
         """Return plans cut into pieces, as `Members.of_plans` does."""
+        known = self.known(world, plans)
+        if known is None:
+            known = self._members = Members.of_plans(world, plans, warns=True)
+            self._asked = self._question(world, plans)
+        return known
+
+    def known(self, world: World, plans: Sequence[Plan]) -> Members | None:
+        """Return plans cut into pieces if they are those of the last question, or None."""
+        if self._members is None or self._question(world, plans) != self._asked:
+            return None
+        return self._members._replace(each=[Member.of(one) for one in plans])
+
+    def _question(self, world: World, plans: Sequence[Plan]) -> tuple[Scene, Window | None, list[tuple[Any, ...]]]:
         window = world.window if has_schedules(plans) else None
-        asked = world.setup.scene, window, [_content(one) for one in plans]
-        if self._members is not None and asked == self._asked:
-            return self._members._replace(each=[Member.of(one) for one in plans])
-        self._members, self._asked = Members.of_plans(world, plans, warns=True), asked
-        return self._members
+        return world.setup.scene, window, [_content(one) for one in plans]
+
+
+def _copied(plan: Plan) -> Plan:
+    """Return a plan whose arrays and mappings nobody changes in place."""
+    if isinstance(plan, Area):
+        return plan
+    copied = copy(plan)
+    for one in fields(Track):
+        value = getattr(plan, one.name)
+        if type(value) not in _CONSTANT and one.name != "properties":
+            object.__setattr__(copied, one.name, value.copy() if isinstance(value, np.ndarray) else deepcopy(value))
+    return copied
 
 
 def _content(plan: Plan) -> tuple[Any, ...]:

@@ -10,6 +10,7 @@ from city import beyond_limits, within_limits
 from workloads import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import Area, Conflict, Index, InvalidInput, Motion, Scene, Track, solve
+from conflictdb.memory import index as index_module
 
 Plan = Area | Track
 Owned = dict[str, list[Plan]]
@@ -267,3 +268,32 @@ def test_limits_refuse_plans() -> None:
     for given in ({"max_days_ahead": -1.0}, {"max_days_ahead": float("nan")}, {"max_vertices": 0.5}):
         with pytest.raises(InvalidInput, match="must be a"):
             Index(**given)  # type: ignore[arg-type]
+
+
+def test_plans_put_one_by_one_are_cut_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer is that of plans put at once, also if some are replaced, removed or changed in place meanwhile."""
+    scene, areas, tracks = throw(LOW_LATITUDE, 3, 600, 20)
+    index, wanted = Index(scene), Index(scene)
+    wanted.put([*areas[10:], *tracks])
+    probe = [replace(one, key=f"probe {one.key}") for one in tracks]
+    cuts: list[int] = []
+    original = index_module.Members.of_plans
+
+    def counted(world: object, plans: list[Plan], **options: object) -> object:
+        cuts.append(len(plans))
+        return original(world, plans, **options)
+
+    monkeypatch.setattr(index_module.Members, "of_plans", counted)
+    for one in [*areas, *tracks, areas[20]]:
+        changed = replace(one, positions_deg=one.positions_deg.copy()) if isinstance(one, Track) else one
+        index.put(changed, replace=[one.key])
+        if isinstance(changed, Track):
+            changed.positions_deg[:] = 0.0
+    for one in areas[:10]:
+        assert index.remove(one.key)
+    found = index.probe(probe, owner="probe")
+    assert len(cuts) <= 3
+    assert found == wanted.probe(probe, owner="probe")
+    assert found
+    with pytest.raises(InvalidInput):
+        index.put(replace(areas[0], footprint=[(0.0, 89.2), (1.0, 89.2), (1.0, 89.4)]))
