@@ -189,7 +189,7 @@ def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "start_us": certain(fields.instant("start")),
         "end_us": certain(fields.instant("end")),
         **_plain(fields, AREA, setting),
-        **_recurring(fields, "spans", _spans),
+        **activations(fields),
         "properties": fields.rest(),
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # only for circles
@@ -255,7 +255,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: FileConte
             if not fields.has("start"):
                 raise fields.refusal("start", "is missing: a track with a speed needs its start")
             start_us = fields.instant("start")
-            speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
+            speed, speed_mps = speeds_mps(fields, len(positions) - 1)
     members = track_members(fields, setting)
     fields.raise_found()
     if by_times:
@@ -269,20 +269,32 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
 
     Errors are added to the fields' refusals.
     """
+    members = own_members(fields) | _plain(fields, TRACK, setting) | {"properties": fields.rest()}
+    rest = setting.foreign, setting.remedy
+    fields.refusals.extend(misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest))
+    return members
+
+
+def own_members(fields: Fields) -> dict[str, Any]:
+    """Return the members of a track of forms of their own, but its course: haven, heights, tolerances, departures.
+
+    Errors are added to the fields' refusals.
+    """
     members: dict[str, Any] = {}
     with fields.refusals:
         outlines = havens(fields)
         members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
     members |= _heights(fields, "floor_m", -np.inf) | _heights(fields, "ceiling_m", np.inf)
-    members |= {
+    return {
+        **members,
         "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
         **_recurring(fields, "departures", lambda who, value: all_certain(instants(who, "departures", value))),
-        **_plain(fields, TRACK, setting),
-        "properties": fields.rest(),
     }
-    rest = setting.foreign, setting.remedy
-    fields.refusals.extend(misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest))
-    return members
+
+
+def activations(fields: Fields) -> dict[str, Any]:
+    """Return the activations of an area, if it has several; errors are added to the fields' refusals."""
+    return _recurring(fields, "spans", _spans)
 
 
 def _check_datum(fields: Fields, setting: FileContext) -> None:
@@ -422,7 +434,7 @@ def _side_m(fields: Fields, side: str, default_m: float | None) -> float | None:
     return None
 
 
-def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
+def speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
     """Return the name of the speed field, and the speed on each leg (legs,) in metres per second."""
     given = [name for name in ("speed_kn", "speed_mps") if fields.has(name)]
     if not given:

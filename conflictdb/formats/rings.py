@@ -1,6 +1,6 @@
 """Rings of polygons as files have them: long sides, the antimeridian, and the poles."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -41,36 +41,54 @@ class LongSides:
 
         The tolerance counts as at least DEVIATION_M. A ring that would have more than MOST_VERTICES stays as it is.
         """
-        if not np.isfinite(shapely.get_coordinates(footprint)).all():
+        if footprint.is_empty or not np.isfinite(shapely.get_coordinates(footprint)).all():
             return footprint  # refused later
-        rings = [shapely.get_coordinates(ring) for ring in _rings(footprint)]
-        if not any((one(ring) > DEVIATION_M).any() for ring in rings for one in _DEVIATIONS_M.values()):
+        kind, lonlat, (of_rings, *within) = shapely.to_ragged_array([footprint])
+        changed, of_changed = self.straight_rings([key], lonlat, of_rings, np.zeros(len(of_rings) - 1, np.int64))
+        if changed is lonlat:
             return footprint
+        whole: shapely.MultiPolygon = shapely.from_ragged_array(kind, changed, (of_changed, *within))[0]
+        return whole
+
+    def straight_rings(
+        self, keys: Sequence[str], lonlat: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64]
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the rings of many footprints as `straight` does, and their offsets; the same arrays if none changes.
+
+        lonlat : (v, 2) finite, of all rings; ring i has the positions [offset[i], offset[i + 1])
+        owner : (n,) the place of the key of each ring
+        """
+        last, first = offset[1:] - 1, offset[:-1]
+        with np.errstate(all="ignore"):  # coordinates beyond the earth are refused later
+            far_m = {motion: of(lonlat) for motion, of in _DEVIATIONS_M.items()}
+        between = last[:-1]  # from one ring to the next
+        for one in far_m.values():
+            one[between] = 0.0
+        if not any((one > DEVIATION_M).any() for one in far_m.values()):
+            return lonlat, offset
         scene = scene_read_for()
         most_m = max(DEVIATION_M, scene.tolerance_m)
-        worst_m = 0.0
-        is_changed = False
-
-        def along(ring: Floats) -> Floats:
-            nonlocal worst_m, is_changed
-            deviation_m = _DEVIATIONS_M[scene.motion](ring)
-            if not (deviation_m > most_m).any():
-                return ring
-            places = _places(deviation_m, most_m)
-            if places is None:
-                worst_m = max(worst_m, float(deviation_m.max()))
-                return ring
-            is_changed = True
-            return _between(ring, *places)
-
-        changed = _of_rings(footprint, along)
-        if worst_m:
-            self._kept.append((worst_m, key))
+        deviation_m = np.append(far_m[scene.motion], 0.0)
+        farthest_m = np.maximum.reduceat(deviation_m, first)
+        ring = np.repeat(np.arange(len(first)), np.diff(offset))
+        wanted = np.ceil(np.sqrt(np.nan_to_num(deviation_m) / (0.5 * most_m)))
+        parts = np.clip(wanted, 1.0, MOST_VERTICES + 1.0).astype(np.int64)
+        is_long = farthest_m > most_m
+        # The last position of a ring is one part.
+        is_kept = is_long & (np.add.reduceat(parts, first) - 1 > MOST_VERTICES)
+        parts[~(is_long & ~is_kept)[ring]] = 1
+        for i in np.unique(owner[is_kept]).tolist():
+            self._kept.append((float(farthest_m[is_kept & (owner == i)].max()), keys[i]))
             self._lines = LINES[scene.motion]
-        if not is_changed:
-            return footprint
-        self._changed.append(key)
-        return changed
+        is_changed = is_long & ~is_kept
+        if not is_changed.any():
+            return lonlat, offset
+        self._changed += [keys[i] for i in np.unique(owner[is_changed]).tolist()]
+        side = np.repeat(np.arange(len(lonlat)), parts)
+        share = (np.arange(len(side)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[side]
+        step = np.append(np.diff(lonlat, axis=0), np.zeros((1, 2)), axis=0)
+        straight = np.where((share > 0.0)[:, None], lonlat[side] + share[:, None] * step[side], lonlat[side])
+        return straight, np.append(0, np.cumsum(np.add.reduceat(parts, first)))
 
     def remarks(self, source: str) -> Iterator[Remark]:
         """Yield remarks on the footprints that were changed, and on those that were not."""

@@ -308,7 +308,7 @@ class _Features:
                 if isinstance(feature, dict) and "temporalGeometry" in feature:
                     others = {name: value for name, value in feature.items() if name not in ("properties", "foreign")}
                     self._moving.update(moving_features.STANDARD.of_json(others))
-            for i, plain in enumerate(plain_features.objects(some, self.setting)):
+            for i, plain in enumerate(plain_features.objects(some, self.setting, first, self.derived)):
                 feature, some[i] = some[i], None  # frees each when it is an object
                 if plain is not None:
                     items[first + i] = plain

@@ -7,8 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.ragged import offsets
 from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.model import many
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import MAX_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG, Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.speed_limits import MPS_PER_KNOT, SPEED_SLACK, leg_refused, legs_too_fast, too_fast
@@ -58,23 +60,47 @@ def _timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, re
     """Return tracks with times from their speeds and the lengths of their legs; None for each refused one."""
     if not tracks:
         return []
-    done: list[Track | None] = [None] * len(tracks)
+    times_us: dict[int, NDArray[np.int64]] = {}
     length_m, first = _legs(tracks, scene.motion, scene.earth)
     for k, (track, i) in enumerate(zip(tracks, first, strict=True)):
         with refusals:
             fastest_kn = float(track.speed_mps.max()) / MPS_PER_KNOT
-            with_times = _with_times(track, length_m[i : i + len(track.speed_mps)], scene.motion)
+            found = _times_us(track, length_m[i : i + len(track.speed_mps)], scene.motion)
             if fastest_kn > max_speed_kn * (1.0 + SPEED_SLACK):
+                track.at_times(found)  # its other mistakes first
                 raise track.refusal(track.speed, f"is {too_fast(fastest_kn, max_speed_kn)}")
-            done[k] = with_times
+            times_us[k] = found
+    done: list[Track | None] = [None] * len(tracks)
+    some = [(k, tracks[k], found) for k, found in times_us.items()]
+    for (k, track, found), made in zip(some, _at_times([(track, at) for _, track, at in some]), strict=True):
+        with refusals:
+            done[k] = track.at_times(found) if made is None else made
     return done
 
 
-def _with_times(track: TrackAtSpeed, length_m: NDArray[np.float64], motion: Motion) -> Track:
+def _at_times(given: Sequence[tuple[TrackAtSpeed, NDArray[np.int64]]]) -> list[Track | None]:
+    """Return tracks with times; None for refused ones."""
+    if not given:
+        return []
+    tracks = [track for track, _ in given]
+    outlines = [track.members["outline_m"] for track in tracks]
+    return many.tracks(
+        [track.key for track in tracks],
+        np.concatenate([track.positions_deg for track in tracks]),
+        offsets([len(track.positions_deg) for track in tracks]),
+        np.concatenate([times_us for _, times_us in given]),
+        np.concatenate(outlines),
+        offsets([len(one) for one in outlines]),
+        [track.members for track in tracks],
+    )
+
+
+def _times_us(track: TrackAtSpeed, length_m: NDArray[np.float64], motion: Motion) -> NDArray[np.int64]:
+    """Return the times of a track from the lengths of its legs; raises InvalidInput."""
     positions = track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
     if worst > MAX_LATITUDE_DEG:  # refused by Track
-        return track.at_times(np.arange(len(positions), dtype=np.int64))
+        return np.arange(len(positions), dtype=np.int64)
     if worst > MAX_RHUMB_LATITUDE_DEG and motion != Motion.GREAT_CIRCLE:
         rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
         raise track.refusal("geometry", rule)
@@ -92,7 +118,7 @@ def _with_times(track: TrackAtSpeed, length_m: NDArray[np.float64], motion: Moti
         else:
             rule = f"{where} are less than a microsecond apart, the resolution of times"
         raise track.refusal(track.speed, rule)
-    return track.at_times(times_us)
+    return times_us
 
 
 def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, refusals: Refusals) -> list[Track]:

@@ -15,7 +15,7 @@ core/pieces/digests.py; so does a DOCUMENT that changes answers.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Final
@@ -122,10 +122,12 @@ class PlanColumn:
         """Whether it is one member of a plain form in scene files."""
         return self.form is not Form.OWN and len(self.members) == 1
 
-    def broken(self, value: Any) -> str | None:
-        """Return the rule that a value breaks; None: valid."""
-        assert self.check is not None  # noqa: S101
-        return None if value is None else self.check(value)
+    def rules(self, values: Sequence[Any]) -> dict[int, str]:
+        """Return the rules that values break, as sentences, by their places among the values."""
+        check = self.check
+        assert check is not None  # noqa: S101
+        found = ((i, check(value)) for i, value in enumerate(values) if value is not None)
+        return {i: rule for i, rule in found if rule is not None}
 
 
 _AREA: Final = frozenset({AREA})

@@ -4,7 +4,6 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 (PostgreSQL's own resolution, so that nothing is rounded twice).
 """
 
-import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
@@ -15,12 +14,19 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.model import inputs
+from conflictdb.model import inputs, plan_rules
 from conflictdb.model.activations import INFINITY_US as INFINITY_US
 from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
 from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
+from conflictdb.model.plan_rules import MAX_HAVEN_CORNERS as MAX_HAVEN_CORNERS
+from conflictdb.model.plan_rules import MAX_HAVEN_M as MAX_HAVEN_M
+from conflictdb.model.plan_rules import MAX_INSTANT_US as MAX_INSTANT_US
+from conflictdb.model.plan_rules import MAX_LONGITUDE_DEG as MAX_LONGITUDE_DEG
+from conflictdb.model.plan_rules import MAX_POINTS as MAX_POINTS
+from conflictdb.model.plan_rules import MIN_INSTANT_US as MIN_INSTANT_US
+from conflictdb.model.plan_rules import POLE_RULE as POLE_RULE
 from conflictdb.model.scene import MAX_LATITUDE_DEG as MAX_LATITUDE_DEG
 from conflictdb.model.scene import Scene as Scene
 from conflictdb.model.settings import MOST_M, datum_named
@@ -33,38 +39,21 @@ from conflictdb.model.tolerances import as_members, tolerances_of
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 
-MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
 MAX_DISTANCE_M: Final = MOST_M
 
-# Half round the equator; no haven reaches further from its reference point.
-MAX_HAVEN_M: Final = 20_037_508
-# What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
-MAX_HAVEN_CORNERS: Final = 10_000
-# Rounding of its coordinates turns a straight corner by this much at most, times the square of the largest coordinate.
-HAVEN_SLACK: Final = 8.0 * sys.float_info.epsilon
-# More than an area has vertices, or a track waypoints, that anybody drew: about what a file of the size that is read
-# holds. Databases may have lower limits (sql/12_checks.sql, _check_size).
-MAX_POINTS: Final = 1_000_000
 # No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
 
-# Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
-MIN_INSTANT_US: Final = -62_135_596_800_000_000
-MAX_INSTANT_US: Final = 253_402_300_799_999_999
-
-
 LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
-# Of a ring that goes round a pole.
-POLE_RULE: Final = (
-    "; it goes round a pole: close it along latitude 90, as in […, [180, 85], [180, 90], [-180, 90], [-180, 85], …], "
-    "in a scene with motion great_circle"
+# Fields that few plans have, whose rules are checked object by object.
+AREA_RARE: Final = frozenset({"spans_us", "schedule"})
+TRACK_RARE: Final = frozenset(
+    {"grow_mps", "outlines_m", "floors_m", "ceilings_m", "tolerances", "departures_us", "schedule", "legs"}
 )
-
-
 _AREA_COLUMNS: Final = checked_columns(AREA)
 _TRACK_COLUMNS: Final = checked_columns(TRACK)
 _Class = TypeVar("_Class")
@@ -138,25 +127,32 @@ class Area:
         refusals = Refusals()
         with refusals:
             _keep(self, footprint=inputs.footprint(who, self.footprint))
-            _check_footprint(who, self.footprint)
+            plan_rules.footprints(_one(self.footprint)).raise_for(0, who)
         with refusals:
             start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
             _keep(self, start_us=start_us, end_us=end_us)
-            _check_span(who, start_us, end_us)
-        if self.spans_us is not None:
-            with refusals:
-                self._keep_spans(who)
-        if self.schedule is not None and not self.is_stored:
-            with refusals:
-                check_schedule(who, self.schedule)
+            if start_us is not None or end_us is not None:
+                (starts_us, ends_us), is_given = _given(start_us, end_us)
+                plan_rules.spans(starts_us, ends_us, is_given).raise_for(0, who)
+        self.check_rare(refusals)
         _keep_heights(who, self, refusals)
         with refusals:
             _check_properties(who, self.properties)
         _check_columns(who, self, _AREA_COLUMNS, refusals)
         refusals.raise_found()
         with refusals:
-            _check_heights(who, self.floor_m, self.ceiling_m)
+            _check_heights(who, self)
         refusals.raise_found()
+
+    def check_rare(self, refusals: Refusals) -> None:
+        """Check what few areas have, and keep it in its own types."""
+        who = _named("area", self.key)
+        if self.spans_us is not None:
+            with refusals:
+                self._keep_spans(who)
+        if self.schedule is not None and not self.is_stored:
+            with refusals:
+                check_schedule(who, self.schedule)
 
     def _keep_spans(self, who: str) -> None:
         """Keep spans, and take start and end of the area from them."""
@@ -276,11 +272,28 @@ class Track:
                 with refusals:
                     _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
         refusals.raise_found()
+        way, clock = (np.array([0, len(one)]) for one in (self.positions_deg, self.times_us))
+        course = plan_rules.courses(self.positions_deg, way, self.times_us, clock)
+        outline = plan_rules.outlines(self.outline_m, np.array([0, len(self.outline_m)]), lambda _: "outline_m")
+        self.check_rare(refusals, course, outline, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn))
+        refusals.raise_found()
+
+    def check_rare(
+        self,
+        refusals: Refusals,
+        course: plan_rules.Broken | None = None,
+        outline: plan_rules.Broken | None = None,
+        max_speed_kn: float = np.inf,
+    ) -> None:
+        """Check what few tracks have, and keep it in its own types, and rules of its course and haven that it breaks.
+
+        course, outline : of this track alone; None: it breaks no rule, nor do its heights
+        """
+        who = _named("track", self.key)
         with refusals:
-            _check_course(who, self.positions_deg, self.times_us)
-            check_speed(
-                who, self.positions_deg, self.times_us, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn)
-            )
+            if course is not None:
+                course.raise_for(0, who)
+            check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
             if self.departures_us is not None:
                 self._keep_departures(who)
         if self.schedule is not None and not self.is_stored:
@@ -291,16 +304,17 @@ class Track:
             with refusals:
                 raise InvalidInput(who, "legs", f"must be a Motion, or absent; got {legs!r:.60}")
         with refusals:
-            _check_outline(who, "outline_m", self.outline_m)
+            if outline is not None:
+                outline.raise_for(0, who)
             if self.grow_mps != 0.0:
                 _check_growth(who, self)
             if self.outlines_m is not None:
                 _check_outlines(who, self)
         with refusals:
-            if self.floors_m is None and self.ceilings_m is None:
-                _check_heights(who, self.floor_m, self.ceiling_m)
-            else:
+            if self.floors_m is not None or self.ceilings_m is not None:
                 self._check_leg_heights(who)
+            elif course is not None:
+                _check_heights(who, self)
         if self.tolerances is not None:
             with refusals:
                 tolerances_of(who, self.tolerances, self.times_us)
@@ -311,7 +325,6 @@ class Track:
                 if self.outlines_m is not None or self.grow_mps != 0.0:
                     rule = "must not be given for a haven that changes: give the outline of the ship"
                     raise InvalidInput(who, "tolerances", rule)
-        refusals.raise_found()
 
     def _keep_departures(self, who: str) -> None:
         lasts_us = int(self.times_us[-1] - self.times_us[0])
@@ -330,10 +343,10 @@ class Track:
             if heights.ndim != 1 or len(heights) not in (waypoints - 1, waypoints):
                 rule = f"must be one number, one per leg ({waypoints - 1}) or one per waypoint ({waypoints})"
                 raise InvalidInput(who, name, f"{rule}; got {heights.size} heights")
-            for i, height in enumerate(heights.tolist()):
-                _check_height(
-                    who, f"{name}[{i}]", None if height == (-np.inf if extreme is np.min else np.inf) else height
-                )
+            is_unbounded = heights == (-np.inf if extreme is np.min else np.inf)
+            lost = np.flatnonzero(~(np.isfinite(heights) | is_unbounded))
+            if lost.size:
+                raise InvalidInput(who, f"{name}[{lost[0]}]", plan_rules.FINITE)
             whole = float(extreme(heights))
             of_all = whole if np.isfinite(whole) else None
             if given not in (None, of_all):
@@ -430,62 +443,6 @@ def _named(kind: str, key: object) -> str:
     return f"{kind} {key!r}"
 
 
-def _check_coordinates(who: str, where: str, positions: NDArray[np.float64]) -> None:
-    if not np.isfinite(positions).all():
-        raise InvalidInput(who, where, "coordinates must be finite numbers")
-    worst = np.abs(positions).max(axis=0)
-    if worst[1] > MAX_LATITUDE_DEG:
-        raise InvalidInput(
-            who, where, f"latitude must lie within +-90 degrees; got {worst[1]:g} (is it longitude first?)"
-        )
-    if worst[0] > MAX_LONGITUDE_DEG:
-        raise InvalidInput(who, where, f"longitude must lie within +-360 degrees; got {worst[0]:g}")
-
-
-def _check_size(who: str, where: str, points: int, what: str) -> None:
-    if points > MAX_POINTS:
-        rule = f"must have at most {MAX_POINTS} {what}; got {points} (simplify it, or split it into several objects)"
-        raise InvalidInput(who, where, rule)
-
-
-def _check_course(who: str, positions: NDArray[np.float64], times: NDArray[np.int64]) -> None:
-    if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
-        raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
-    _check_size(who, "geometry", len(positions), "waypoints")
-    _check_coordinates(who, "geometry", positions)
-    if len(times) != len(positions):
-        raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
-    if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
-        raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        i = int(late[0])
-        moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
-        rule = "is at two places at the same time" if moved else "must be later than the time before it"
-        raise InvalidInput(who, f"times[{i + 1}]", rule)
-
-
-def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
-    if not isinstance(footprint, shapely.MultiPolygon) or footprint.is_empty:
-        raise InvalidInput(who, "geometry", "must be a non-empty Polygon or MultiPolygon")
-    if shapely.is_empty(shapely.get_parts(footprint)).any():
-        raise InvalidInput(who, "geometry", "must have no empty parts")
-    _check_size(who, "geometry", int(shapely.count_coordinates(footprint)), "vertices")
-    _check_coordinates(who, "geometry", shapely.get_coordinates(footprint))
-    west, _, east, _ = footprint.bounds
-    if east - west > 360.0:
-        raise InvalidInput(who, "geometry", f"must not be wider than 360 degrees; it is {east - west:g} wide")
-    if not shapely.is_valid(footprint):
-        pole = POLE_RULE if any(map(_goes_round, shapely.get_parts(footprint))) else ""
-        raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}{pole}")
-
-
-def _goes_round(polygon: shapely.Polygon) -> bool:
-    """Return whether the outer ring of a polygon goes round a pole, by the shorter way along each side."""
-    lon = shapely.get_coordinates(polygon.exterior)[:, 0]
-    return abs(float(np.sum(np.remainder(np.diff(lon) + 180.0, 360.0) - 180.0))) > 180.0
-
-
 def _keep(one: Area | Track, **values: object) -> None:
     """Replace fields of an object that is being made."""
     for name, value in values.items():
@@ -537,45 +494,36 @@ def _check_properties(who: str, properties: object) -> None:
 def _check_columns(who: str, one: Area | Track, columns: tuple[PlanColumn, ...], refusals: Refusals) -> None:
     """Check the columns whose rule needs no other; errors are added."""
     for column in columns:
-        rule = column.broken(getattr(one, column.field))
-        if rule is not None:
+        for rule in column.rules([getattr(one, column.field)]).values():
             with refusals:
                 raise InvalidInput(who, column.members[0], rule)
 
 
-def _check_height(who: str, name: str, value: float | None) -> None:
-    if value is not None and not np.isfinite(value):
-        raise InvalidInput(who, name, "must be a finite number of metres, or absent")
+def _one(value: Any) -> NDArray[np.object_]:
+    """Return a value as an array of one."""
+    array = np.empty(1, dtype=object)
+    array[0] = value
+    return array
 
 
-def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> None:
-    _check_height(who, "floor_m", floor_m)
-    _check_height(who, "ceiling_m", ceiling_m)
-    if floor_m is not None and ceiling_m is not None and ceiling_m <= floor_m:
-        raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
+def _given(first: float | None, last: float | None) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return bounds (2, 1), of any value where there is none, and whether they are given (1, 2)."""
+    bounds = (first, last)
+    return np.array([[0 if one is None else one] for one in bounds]), np.array([[one is not None for one in bounds]])
 
 
-def _check_span(who: str, start_us: int | None, end_us: int | None) -> None:
-    for name, value in (("start", start_us), ("end", end_us)):
-        if value is not None and not MIN_INSTANT_US <= value <= MAX_INSTANT_US:
-            raise InvalidInput(who, name, "must lie in the years 1 to 9999")
-    if start_us is not None and end_us is not None and end_us <= start_us:
-        raise InvalidInput(who, "end", "must be later than start")
+def _check_heights(who: str, plan: "Area | Track") -> None:
+    if plan.floor_m is not None or plan.ceiling_m is not None:
+        (floors_m, ceilings_m), is_given = _given(plan.floor_m, plan.ceiling_m)
+        plan_rules.heights(floors_m, ceilings_m, is_given).raise_for(0, who)
 
 
 def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1:
-        raise InvalidInput(who, where, "must be a ring of [starboard, forward] metres")
-    if not np.isfinite(outline).all():
-        raise InvalidInput(who, where, "must be finite numbers of metres")
-    if np.abs(outline).max() > MAX_HAVEN_M:
-        raise InvalidInput(who, where, f"must lie within {MAX_HAVEN_M} m of the reference point: half round the earth")
-    if len(outline) > MAX_HAVEN_CORNERS:
-        raise InvalidInput(who, where, f"must have at most {MAX_HAVEN_CORNERS} corners; got {len(outline)}")
-    if len(outline) < 3:
-        return
-    if not _is_convex(outline.tolist()):
-        raise InvalidInput(who, where, "must be a convex ring; split it, or use its convex hull")
+    plan_rules.outlines(outline, np.array([0, len(outline)]), lambda _: where).raise_for(0, who)
+
+
+def _check_size(who: str, where: str, points: int, what: str) -> None:
+    plan_rules.sizes(np.array([points]), where, what).raise_for(0, who)
 
 
 def _check_growth(who: str, track: Track) -> None:
@@ -609,22 +557,3 @@ def _check_outlines(who: str, track: Track) -> None:
         if not stays_convex(rings[k - 1], rings[k]):
             rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
             raise InvalidInput(who, f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint")
-
-
-def _is_convex(outline: list[list[float]]) -> bool:
-    """Return whether a ring of at least three vertices turns one way only, and round once.
-
-    In plain Python: outlines are short, and numpy would take ten times longer for each of a hundred thousand.
-    """
-    edges = [(x2 - x1, y2 - y1) for (x1, y1), (x2, y2) in zip(outline, outline[1:] + outline[:1], strict=True)]
-    turns = [u1 * v2 - v1 * u2 for (u1, v1), (u2, v2) in zip(edges, edges[1:] + edges[:1], strict=True)]
-    slack = HAVEN_SLACK * max(abs(number) for vertex in outline for number in vertex) ** 2
-    if max(turns) > slack and min(turns) < -slack:
-        return False
-    way = 1.0 if max(turns) > slack else -1.0
-    headings = [math.atan2(v, u) for u, v in edges if u != 0.0 or v != 0.0]
-    turned = 0.0
-    for before, after in zip(headings, headings[1:] + headings[:1], strict=True):
-        turn = way * math.remainder(after - before, math.tau)
-        turned += turn + math.tau if turn < -3.0 else turn  # back the way it came: both ways are as far
-    return turned < 1.5 * math.tau

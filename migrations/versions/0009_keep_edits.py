@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a1fa9692f3e790b814bf1d6c53f1191371f1c68aee20cd350bb637d382970c7a"
+routines_sha256 = "a61d90f658aed24ed272ddb6755c8768eff94561e3587db101001ce00e70e8b8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

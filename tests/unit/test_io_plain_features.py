@@ -4,10 +4,12 @@ import copy
 import json
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from full_plans import specimens
 from hostile_objects import scene_file, throw
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -18,8 +20,9 @@ from conflictdb.formats import plain_features
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.file_objects import FileContext
 from conflictdb.formats.instants import parse_instant, parse_plain
-from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.formats.scene_file import plans_text, read_scene, scene_text
 from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.tolerances import WINDOWS
 
 # Values that take the place of any value of a feature.
 STRANGE: list[Any] = [
@@ -34,7 +37,8 @@ STRANGE: list[Any] = [
 NAMES = [
     "kind", "name", "start", "end", "times", "datetimes", "speed_kn", "outline_m", "outlines_m", "grow_mps", "floor_m",
     "ceiling_m", "fore_m", "aft_m", "port_m", "starboard_m", "fore_nmi", "radius_m", "Start", "floor_ft", "note",
-    "separation_m", "properties", "geometry", "id", "crs",
+    "separation_m", "properties", "geometry", "id", "crs", "class", "owner", "spans", "departures", "schedule",
+    "xtd_port_m", "min_speed_kn", "departure_window", "speed_mps", "vertical_datum",
 ]  # fmt: skip
 
 
@@ -78,7 +82,7 @@ def read(text: str, *, skip_invalid: bool) -> Contents | str:
 def one_by_one(text: str, *, skip_invalid: bool) -> Contents | str:
     """The same without plain features."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plain_features, "objects", lambda features, setting: [None] * len(features))
+        patch.setattr(plain_features, "objects", lambda features, *_: [None] * len(features))
         return read(text, skip_invalid=skip_invalid)
 
 
@@ -120,14 +124,30 @@ def test_hostile_features_are_read_as_one_by_one() -> None:
 
 @given(scenes())
 def test_exported_objects_are_plain(content: tuple[Scene, list[Area], list[Track]]) -> None:
-    """Files of this package are read fast: all but havens and heights that change, and straight corners."""
+    """Files of this package are read fast."""
     scene, areas, tracks = content
     features = json.loads("".join(scene_text(scene, areas, tracks)))["features"]
-    constant = [t.outlines_m is None and not t.grow_mps and t.floors_m is None and t.ceilings_m is None for t in tracks]
-    found = plain_features.objects(features, FileContext(scene))
-    assert all(found[: len(areas)])
-    for track, is_constant, one in zip(tracks, constant, found[len(areas) :], strict=True):
-        assert not is_constant or one is not None or len(track.outline_m) > 2
+    assert all(plain_features.objects(features, FileContext(scene)))
+
+
+def test_plans_with_every_column_are_plain() -> None:
+    """Each is made without its class checking it again: checks of single objects are for what arrays refuse."""
+    plans = [replace(one.plan, key=f"{i}") for i, one in enumerate(specimens())]
+    features = json.loads(plans_text(plans))["features"]
+    for feature in [one for one in features if "times" in one["properties"]]:
+        members = {name: one for name, one in feature["properties"].items() if name not in ("times", *WINDOWS)}
+        times = feature["properties"]["times"]
+        for k, more in enumerate(({"start": times[0], "speed_kn": 10.0}, {"datetimes": times})):
+            features.append({**feature, "id": f"{feature['id']} {k}", "properties": {**members, **more}})
+    text = json.dumps({"type": "FeatureCollection", "features": features})
+    checked: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        for kind in (Area, Track):
+            patch.setattr(kind, "__post_init__", lambda one, *_: checked.append(one.key))
+        found = read_scene(text, "s")
+    assert checked == []
+    assert len(found.areas) + len(found.tracks) == len(features)
+    assert_read_alike(text, skip_invalid=False)
 
 
 def test_a_strange_feature_leaves_the_others_plain() -> None:
