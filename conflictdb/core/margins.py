@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
@@ -12,10 +11,10 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.core.climbs import overlap_at_one_time
-from conflictdb.core.object_pairs import object_numbers
+from conflictdb.core.near import Memory, Question
 from conflictdb.core.pieces.covers import is_covered, pieces_of
 from conflictdb.core.separations import Separations
-from conflictdb.core.stage1_broad_phase import hulls_of, pairs_together
+from conflictdb.core.stage1_broad_phase import pairs_together
 from conflictdb.core.stage4.closest_approach import Approaches, approaches
 from conflictdb.core.uses import with_wide_areas
 from conflictdb.core.uses_of_tracks import least_reach
@@ -38,23 +37,21 @@ def widened(scene: Scene, within_m: float) -> Scene:
     return replace(scene, method=Method.EXACT, nearest_m=min(reach_m, MAX_DISTANCE_M))
 
 
-def least_margins(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
+def least_margins(setup: Setup, placed: Memory, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
     """Return by how much tracks (n,) exceed the required separation of each pair, and the errors, metres.
 
     Pairs share time, or come within the separation in time, and heights. The true margin is within the error. Beyond
     `within_m` it is infinite; where it could not be computed, the error is infinite.
 
     setup : which the pieces were made with
-    pieces : of all objects
+    placed : all pieces of all objects
     """
-    tree, number = shapely.STRtree(hulls_of(pieces)), object_numbers(pieces)
     largest_m = setup.scene.largest_separation_m + within_m
     mine = pieces_of(setup.under(widened(setup.scene, largest_m)), AreaBatch.of([]), tracks)
     order = np.argsort(tracks.track_id)
     owner = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
-    separations = Separations.of(setup.scene)
     parts = [
-        _of_some(setup.plane, separations, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
+        _of_some(setup, placed, mine.take(rows), owner[rows] - first, within_m)
         for first in range(0, max(len(tracks), 1), _AT_ONCE)
         for rows in [np.flatnonzero((first <= owner) & (owner < first + _AT_ONCE))]
     ]
@@ -63,23 +60,11 @@ def least_margins(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: fl
 
 
 def _of_some(
-    plane: Plane,
-    separations: Separations,
-    tree: shapely.STRtree,
-    number: NDArray[np.int64],
-    pieces: Pieces,
-    mine: Pieces,
-    owner: NDArray[np.int64],
-    within_m: float,
+    setup: Setup, placed: Memory, mine: Pieces, owner: NDArray[np.int64], within_m: float
 ) -> tuple[Floats, Floats]:
     """Return least margins of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
-    row, other = tree.query(hulls_of(mine))
-    others = object_numbers(mine)[row] != number[other]
-    both = Pieces.concatenate([mine, pieces])
-    within_us = max(settings.time_separation_us for settings in separations.settings)
-    a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]), within_us)
-    near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
-    a, b = PieceRows(a[near]), PieceRows(b[near])
+    plane, separations = setup.plane, Separations.of(setup.scene)
+    both, a, b = placed.beside(mine, Question.of(setup.scene)._replace(within_m=within_m))
     if (separations.of_types == 0).all():
         return _of_pairs(plane, separations.settings[0], both, a, b, owner, within_m)
     found = []

@@ -43,7 +43,8 @@ class Question(NamedTuple):
     earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
     each_way : also the mirror images of pairs of which both are mine
     any_height : pairs need not share heights
-    within_m : pairs come this near, metres, beyond the separation that their hulls are padded for
+    within_m : pairs come this near, metres, beyond the separation that hulls are padded for; whoever asks gives pieces
+        that are padded for it (`Memory.beside`)
     """
 
     mine: _Ints | None = None
@@ -185,6 +186,9 @@ class Memory:
         every = replace(rows_of(pieces), start_us=start_us, end_us=end_us, end_inclusive=None)
         earliest_us, latest_us = start_us[mine] - question.earlier_us, end_us[mine] + question.later_us
         moved = replace(every.take(mine), start_us=earliest_us, end_us=latest_us)
+        if question.any_height:
+            all_m = np.full(len(mine), np.inf)
+            moved = replace(moved, floor_m=-all_m, ceiling_m=all_m)
         is_mine = np.zeros(len(pieces), np.bool_)
         is_mine[mine] = not question.each_way
         nothing = np.empty(0, np.int64)
@@ -203,6 +207,19 @@ class Memory:
             found.append((a[met], b[met]))
         a, b = (np.concatenate(some) for some in zip(*found, strict=True))
         return PieceRows(a), PieceRows(b)
+
+    def beside(self, given: Pieces, question: Question) -> tuple[Pieces, PieceRows, PieceRows]:
+        """Return given pieces followed by these, and the pairs (a, b) of a given one with one of another object here.
+
+        given : of objects with the numbers that they have here, padded for the distance of the question
+        """
+        row, other = self._tree.query(hulls_of(given))
+        others = object_numbers(given)[row] != self.number[other]
+        both = Pieces.concatenate([given, self.pieces])
+        a, b = PieceRows(row[others]), PieceRows(len(given) + other[others])
+        a, b = pairs_together(both, a, b, question.within_us)
+        met = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)
+        return both, PieceRows(a[met]), PieceRows(b[met])
 
 
 class Together:

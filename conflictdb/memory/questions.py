@@ -143,19 +143,19 @@ def delays_over(
     stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
     solved_us = max(horizon_us, stored_us)
     setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us), window)
-    scene = setup.scene
+    scene, placed = setup.scene, Memory(pieces)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
-        waits = waits_of(setup, Memory(pieces), number, waits_us, horizon_us)
+        waits = waits_of(setup, placed, number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
         answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
         asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
         stops = FirstStops.of(TrackBatch.of(tracks))
-        every = differences_of(setup, Memory(pieces), asked, solved_us, waits=stops)
+        every = differences_of(setup, placed, asked, solved_us, waits=stops)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
         answers = [
@@ -165,7 +165,7 @@ def delays_over(
     if clear_within_m is None:
         return answers
     batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
-    return _with_margins(answers, setup, pieces, batch, clear_within_m)
+    return _with_margins(answers, setup, placed, batch, clear_within_m)
 
 
 def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
@@ -175,11 +175,11 @@ def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, i
 
 
 def _with_margins(
-    answers: list[Delays], setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float
+    answers: list[Delays], setup: Setup, placed: Memory, tracks: TrackBatch, within_m: float
 ) -> list[Delays]:
     """Return the delays of tracks (n,) with the least distances by which they exceed the required separations."""
     free = np.array([row for row, one in enumerate(answers) if one.clear_by_s != 0.0], np.int64)
-    margins_m = least_margins(setup, pieces, tracks.take(free), within_m)
+    margins_m = least_margins(setup, placed, tracks.take(free), within_m)
     margins = dict(zip(free.tolist(), np.column_stack(margins_m).tolist(), strict=True))
     rows = []
     for row, one in enumerate(answers):

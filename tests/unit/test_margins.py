@@ -10,7 +10,9 @@ from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, th
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
 from conflictdb.core import margins
+from conflictdb.core.near import Memory, Question
 from conflictdb.core.pieces import covers
+from conflictdb.core.world import World, occupy
 from conflictdb.earth.registry import Setup
 from conflictdb.model.inputs import certain
 from conflictdb.model.rules import Rule
@@ -181,3 +183,14 @@ def test_a_track_that_follows_within_the_separation_in_time_counts() -> None:
     area = Area("area", box, end_us=certain(ends_us))
     [one] = delays([first], [area], replace(scene, time_separation_s=9_000.0), clear_within_m=5000.0)
     assert one.clear_by_m == pytest.approx(2211.49 - 100.0, abs=0.1)
+
+
+def test_pieces_in_memory_need_not_share_heights() -> None:
+    """Only a question that says so finds pairs at other heights."""
+    ring = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)]
+    areas = [Area("low", ring, ceiling_m=10.0), Area("high", ring, floor_m=20.0)]
+    world = World.of(Scene("s"), areas, [])
+    placed = Memory(occupy(world, areas, []).pieces)
+    every = Question(np.arange(len(placed.pieces)))
+    assert len(placed.rows(every)[0]) == 0
+    assert len(placed.rows(every._replace(any_height=True))[0]) == 1
