@@ -4,6 +4,7 @@ import gc
 import logging
 import os
 import shutil
+import subprocess
 import uuid
 from collections.abc import Iterator
 from itertools import count
@@ -14,8 +15,10 @@ import psycopg
 import pytest
 from commands import Run, runner
 from databases import TestServer, clean_up, run_home, test_server
+from forked_readers import forked_readers
 from reused import ReusedDatabase
 
+from conflictdb.formats import confined
 from conflictdb.jobs import schema
 
 if TYPE_CHECKING:
@@ -121,6 +124,20 @@ def spark() -> "Iterator[Spark]":
 
     with running_spark() as found:
         yield found
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _forked_readers() -> Iterator[None]:
+    """Fork confined readers: to start one takes longer than most tests that read a file."""
+    with forked_readers() as forking, pytest.MonkeyPatch.context() as patched:
+        patched.setattr(confined, "subprocess", forking)
+        yield
+
+
+@pytest.fixture
+def readers_of_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start confined readers as users do."""
+    monkeypatch.setattr(confined, "subprocess", subprocess)
 
 
 @pytest.fixture(autouse=True)

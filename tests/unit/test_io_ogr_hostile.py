@@ -20,6 +20,8 @@ from conflictdb import formats
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import ogr
 
+pytestmark = pytest.mark.usefixtures("readers_of_users")
+
 SECRET = "stolen from another file"  # noqa: S105
 
 

@@ -20,6 +20,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import contents
 from conflictdb.formats.computed import read_conflicts
 
+pytestmark = pytest.mark.usefixtures("readers_of_users")
+
 SQUARE = shapely.box(4, 57, 5, 58).wkb
 LINE = shapely.LineString([(4, 57), (5, 58)]).wkb
 ROW = {"kind": ["area"], "id": ["a"]}
