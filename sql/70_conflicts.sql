@@ -2,17 +2,17 @@
 -- not use indexes or drop unused columns. A NOTICE says if changes wait for detection, as do scenes.is_current and
 -- scene_is_current.
 
-CREATE OR REPLACE VIEW conflictdb_internal._attached_row WITH (security_invoker = true) AS
+CREATE OR REPLACE VIEW conflictdb_internal._object_row WITH (security_invoker = true) AS
 SELECT a.scene_id, a.object_kind, o.object_id, t.name AS "table", o.identity_json
 FROM attachment a JOIN _attached_table t USING (attachment_id) JOIN attached_object o USING (attachment_id);
-COMMENT ON VIEW _attached_row IS
+COMMENT ON VIEW _object_row IS
 'Attached table, and identity of the row, of each object that comes from one. A view, because a function would not be '
 'inlined.';
-COMMENT ON COLUMN _attached_row.scene_id IS 'Scene.';
-COMMENT ON COLUMN _attached_row.object_kind IS 'Kind of the object: 0 area, 1 track.';
-COMMENT ON COLUMN _attached_row.object_id IS 'area_id or track_id of the object.';
-COMMENT ON COLUMN _attached_row."table" IS 'Present name of the table, as SCHEMA.TABLE.';
-COMMENT ON COLUMN _attached_row.identity_json IS 'Values of the identity columns by name.';
+COMMENT ON COLUMN _object_row.scene_id IS 'Scene.';
+COMMENT ON COLUMN _object_row.object_kind IS 'Kind of the object: 0 area, 1 track.';
+COMMENT ON COLUMN _object_row.object_id IS 'area_id or track_id of the object.';
+COMMENT ON COLUMN _object_row."table" IS 'Present name of the table, as SCHEMA.TABLE.';
+COMMENT ON COLUMN _object_row.identity_json IS 'Values of the identity columns by name.';
 
 CREATE OR REPLACE VIEW conflicts WITH (security_invoker = true) AS
 SELECT s.name AS scene,
@@ -42,13 +42,13 @@ SELECT s.name AS scene,
        CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
                      ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name,
        c.lacking_s, c.certainty,
-       (SELECT r."table" FROM _attached_row r
+       (SELECT r."table" FROM _object_row r
         WHERE r.scene_id = c.scene_id AND r.object_kind = c.a_kind AND r.object_id = c.a_id LIMIT 1) AS a_table,
-       (SELECT r.identity_json FROM _attached_row r
+       (SELECT r.identity_json FROM _object_row r
         WHERE r.scene_id = c.scene_id AND r.object_kind = c.a_kind AND r.object_id = c.a_id LIMIT 1) AS a_row,
-       (SELECT r."table" FROM _attached_row r
+       (SELECT r."table" FROM _object_row r
         WHERE r.scene_id = c.scene_id AND r.object_kind = c.b_kind AND r.object_id = c.b_id LIMIT 1) AS b_table,
-       (SELECT r.identity_json FROM _attached_row r
+       (SELECT r.identity_json FROM _object_row r
         WHERE r.scene_id = c.scene_id AND r.object_kind = c.b_kind AND r.object_id = c.b_id LIMIT 1) AS b_row
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
