@@ -5,11 +5,13 @@
 
 The scenes are the sea of made_scenes.py: half of the objects are areas, half tracks, here of 5 to 10 legs. Each file is
 loaded by a fresh process, into a new database. Seconds are those of the processor, of the client and of its backend in
-the server, and by the clock.
+the server, and by the clock. Beside it stands the least that a loader does: to parse the JSON, as `json.load` does,
+and to COPY its finished rows into tables without indexes and triggers.
 """
 
 import argparse
 import fcntl
+import json
 import os
 import pty
 import re
@@ -33,7 +35,11 @@ from workloads import throw
 
 import conflictdb
 from conflictdb import Area, Scene, Track
+from conflictdb.formats import read
 from conflictdb.formats.scene_file import scene_text
+from conflictdb.store import copy_binary
+from conflictdb.store.connection import call
+from conflictdb.store.stored_objects import _staged_areas, _staged_tracks
 
 OBJECTS: Final = (2_000, 20_000, 200_000)
 SEED: Final = 1
@@ -89,10 +95,37 @@ def loaded(dsn: str, path: Path) -> tuple[dict[str, tuple[float, float, float]],
     return took, peak_mb()
 
 
+def alone(dsn: str, path: Path) -> tuple[float, float]:
+    """Parse a file, and COPY its rows into plain tables; return seconds of the client and of the server."""
+    contents = read(path, max_file_mb=MAX_FILE_MB)
+    columns = {"area": _staged_areas(contents.areas), "track": _staged_tracks(contents.tracks)}
+    encoded = {kind: copy_binary.rows(some) for kind, some in columns.items()}
+    with path.open() as file:
+        began = time.process_time()
+        json.load(file)
+        parsed_s = time.process_time() - began
+    with conflictdb.connect(dsn) as db:
+        conn = db.connection
+        backend = Path(f"/proc/{conn.info.backend_pid}/schedstat")
+        call(conn, "_begin_load")
+        for kind in columns:
+            conn.execute(f"CREATE TABLE public.plain_{kind} (LIKE pg_temp.staged_{kind})".encode())
+        began, began_server = time.process_time(), int(backend.read_text().split()[0])
+        for kind, names in columns.items():
+            copy_binary.send_rows(conn, f"public.plain_{kind}", names, encoded[kind])
+        copied_s = time.process_time() - began
+        server_s = (int(backend.read_text().split()[0]) - began_server) / 1e9
+        conn.rollback()
+    return parsed_s + copied_s, server_s
+
+
 def measured(dsn: str, objects: int, path: Path) -> Iterator[dict[str, Any]]:
     """Yield a row for each phase of loading a file, and one for all of them."""
     took, client_mb = in_fresh_process(loaded, dsn, path)
     took["all"] = tuple(sum(column) for column in zip(*took.values(), strict=True))
+    least = in_fresh_process(alone, dsn, path)
+    ratio = sum(took["all"][:2]) / sum(least)
+    took[f"JSON and COPY alone; all is {ratio:.1f} times that"] = (*least, sum(least))
     for name, (client_s, server_s, clock_s) in took.items():
         row = {"objects": objects, "file_mb": path.stat().st_size / 1e6, "phase": name}
         yield row | {"client_s": client_s, "server_s": server_s, "clock_s": clock_s, "client_mb": client_mb}
