@@ -1,19 +1,27 @@
-"""Every acceptance scene is certified, and `check_proof.py` accepts the proof, whatever else it cannot check."""
+"""Every acceptance scene is certified, and `check_proof.py` accepts the proof; forged and damaged ones it refuses."""
 
+import ast
 import contextlib
 import io
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import digests
+import forged
 import pytest
+import shapely
+from draws import draws
+from patience import WAIT_S
 
-from conflictdb import certify
+from conflictdb import Area, Scene, Track, certify, solve
 from conflictdb.errors import IncompleteWarning
 from conflictdb.formats import check_proof
+from conflictdb.kernel import build, library
 
-ACCEPTED = 0
+ACCEPTED, REFUSED = 0, 1
 SOMETHING_IS_NOT_CHECKED = 2
 SCENES = digests.acceptance_scenes()
 # Scenes that every run certifies; the others with `-m slow`.
@@ -50,3 +58,80 @@ def test_proof_of_scene(tmp_path: Path, name: str) -> None:
     lines = [line for line in report.splitlines() if line.startswith("not checked")]
     known = ("with tolerances", "separation in time", "schedules", "verdicts", "which were not cut")
     assert all(any(one in line for one in known) for line in lines), report
+
+
+def test_the_checker_is_one_file_that_needs_nothing() -> None:
+    """Somebody else reads it: modules of Python only, and no more than 800 lines that are not blank."""
+    text = Path(check_proof.__file__).read_text()
+    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {
+        name.split(".")[0]
+        for node in imports
+        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [one.name for one in node.names])
+    }
+    assert names <= sys.stdlib_module_names
+    assert sum(bool(line.strip()) for line in text.splitlines()) <= 800
+
+
+def test_the_checker_runs_alone(tmp_path: Path) -> None:
+    """Copied somewhere else, without this package, it says how many objects it has and that all is proven."""
+    scene, areas, tracks = SCENES["strait"]()
+    certify(tracks, areas, tmp_path / "proof", scene)
+    (tmp_path / "check.py").write_text(Path(check_proof.__file__).read_text())
+    command = [sys.executable, "-I", "-S", str(tmp_path / "check.py"), str(tmp_path / "proof")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert (done.returncode, done.stderr) == (ACCEPTED, "")
+    assert done.stdout.endswith("proven\n")
+
+
+@draws("scenes", 8, 80)
+def test_forged_proofs_are_refused_or_true(tmp_path: Path, scenes: int) -> None:
+    """Whatever is changed, the checker accepts nothing that brute force says is false."""
+    total = forged.Count()
+    for seed in range(scenes):
+        total.add(forged.forge(seed, 250, tmp_path))
+    assert not total.wrong, "\n".join(total.wrong)
+    refused = {kind for kind, said in total.outcomes if said == "refused"}
+    assert refused >= {"angle", "until", "piece", "line lost", "contact", "verdict lost", "verdict", "cuts", "bytes"}
+    assert total.tried > 150 * scenes
+
+
+@pytest.fixture
+def faulty_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A kernel that drops contacts which end as a plan does, to rounding, as it once did."""
+    rule = "    return !(clearance(pair, beyond) < -encounter_certainty_margin_m(pair));"
+    files = []
+    for path in (path for path in build.sources() if path.suffix == ".c"):
+        text = path.read_text()
+        if path.name == "search.c":
+            begins = "    if (!(begins > 0.0 && begins >= beyond - END_RESOLUTION_S)) return false;\n"
+            assert begins + rule in text
+            text = text.replace(begins, "    (void)begins;\n")
+            path = tmp_path / path.name
+            path.write_text(text)
+        files.append(path)
+    made = tmp_path / "faulty.so"
+    define = f'-DKERNEL_FINGERPRINT="{build.fingerprint()}"'
+    command = ["cc", *build.FLAGS, "-O1", define, "-o", made, *files, *build.SHARED]
+    subprocess.run(command, check=True, timeout=600)
+    monkeypatch.setattr(build, "library", lambda: made)
+    library.library.cache_clear()
+    yield
+    monkeypatch.undo()
+    library.library.cache_clear()
+
+
+def test_a_conflict_that_a_faulty_kernel_drops_is_noticed(tmp_path: Path, faulty_kernel: None) -> None:
+    """A ship is in an area for 47 minutes, until its plan ends: nothing proves the two apart, so there is no proof."""
+    area = Area("closed", shapely.box(5.05, 56.818, 5.323, 56.905))
+    haven_m = [(-20, 281), (20, 281), (20, -281), (-20, -281)]
+    start_us = 1_780_000_000_000_000
+    ship = Track("ship", [(5.1865, 56.718), (5.1865, 56.90752338860283)], [start_us, start_us + 5_887_000_000], haven_m)
+    scene = Scene("s", tolerance_m=0.0)
+    assert not solve([ship], [area], scene), "the fault is not put back"
+    made = certify([ship], [area], tmp_path / "proof", scene)
+    assert not made
+    assert made.unproven_pairs == 1
+    status, report = checked(tmp_path / "proof")
+    assert status == REFUSED
+    assert "'closed' and 'ship': pieces 0 and 2 are not proven apart from 2026-05-28 21:17:07" in report
