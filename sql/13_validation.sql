@@ -578,7 +578,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _tracks_inserted() IS
-'Trigger, once per statement: checks paths and havens of new tracks (SQLSTATE class ZC) that _track_before has accepted.';
+'Trigger, once per statement: checks paths and havens of new tracks (SQLSTATE class ZC) that _track_before accepted.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_prune(p_who text, p_owner name) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$

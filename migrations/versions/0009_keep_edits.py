@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1de6f6ad5232a5a303224d01e5a5ea66f7f0a35e4e5c0011eabcde805a6f8ff1"
+routines_sha256 = "5fa240b1f8b5b0862c18f841499ff2e9295032a2041b4a2d6a421b5c6858aa52"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
