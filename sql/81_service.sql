@@ -79,8 +79,8 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _scene_alarms() IS
 'For each scene: whether it is current, since when changes wait (also those of attached tables of other roles), the '
-'number of rows that cannot be mapped, why its last detection failed, and for each attached table why it cannot be read or '
-'followed (null: it can).';
+'number of rows that cannot be mapped, why its last detection failed, and for each attached table why it cannot be '
+'read or followed (null: it can).';
 
 COMMENT ON TABLE worker_stamp IS 'Workers that are, or were lately, connected. Only workers write it.';
 COMMENT ON COLUMN worker_stamp.worker_id IS 'Random id of the process.';

@@ -164,8 +164,8 @@ COMMENT ON FUNCTION _objects_near(
     boolean[], double precision[], double precision[]) IS
 'Objects of a scene that given pieces (_given_pieces) may meet, by the pieces of the last detection, or by rough '
 'pieces if they changed since. If schedules are not expanded from p_from_us until p_until_us (microseconds; 9e18 and '
-'more: no limit), also objects with a schedule that may ever be there. p_wanted_m: as of _rough_padding_m. is_stale: the '
-'schedule must be expanded for that time.';
+'more: no limit), also objects with a schedule that may ever be there. p_wanted_m: as of _rough_padding_m. is_stale: '
+'the schedule must be expanded for that time.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled_near(
     p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[],

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5fa240b1f8b5b0862c18f841499ff2e9295032a2041b4a2d6a421b5c6858aa52"
+routines_sha256 = "2da67d32e955c8c65e250849a2e510815b2e1193bfce2b498db006db9267546e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
