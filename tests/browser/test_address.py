@@ -3,7 +3,7 @@
 from urllib.parse import urlsplit
 
 import pytest
-from browsing import Open, rows, time_of, wait_until
+from browsing import Open, new_page, rows, time_of, wait_until
 from map_page import served_page
 from playwright.sync_api import Browser, Page, Route, expect
 
@@ -87,7 +87,7 @@ def test_an_address_that_is_not_understood_changes_nothing(open_strait: Open, ha
 def test_a_scene_that_is_not_there_stays_named_when_changes_are_heard_late(strait: str, browser: Browser) -> None:
     """As on a busy machine: the page hears of changes after it was shown."""
     waiting: list[Route] = []
-    with browser.new_page() as page:
+    with new_page(browser) as page:
         page.route("**/api/events*", lambda route: waiting.append(route))
         page.goto(f"{strait}#scene=another")
         expect(page.locator("#state")).to_contain_text("another")

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from browsing import new_page
 from playwright.sync_api import Browser, expect
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,7 +21,7 @@ def test_the_search_finds_a_page(browser: Browser, tmp_path: Path) -> None:
     shutil.copy(ROOT / "docs" / "how-to" / "run-behind-pgbouncer.md", docs / "pooler.md")
     command = [sys.executable, "-m", "mkdocs", "build", "-q", "--no-strict", "-f", str(config), "-d", str(site)]
     subprocess.run(command, check=True, env={"NO_MKDOCS_2_WARNING": "1", "PATH": ""}, capture_output=True)
-    with browser.new_page() as page:
+    with new_page(browser) as page:
         asked: list[str] = []
         page.on("request", lambda request: request.url.startswith(("file:", "data:")) or asked.append(request.url))
         page.goto((site / "index.html").as_uri())

@@ -13,7 +13,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, await_drawn, rows, time_of, wait_until
+from browsing import Open, await_drawn, new_page, rows, time_of, wait_until
 from commands import runner
 from map_page import Serve
 from patience import until
@@ -301,7 +301,7 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
         asked.append("events")
         route.continue_()
 
-    with browser.new_page() as page:
+    with new_page(browser) as page:
         page.on("request", lambda request: asked.append(urlsplit(request.url).path))
         page.route("**/api/events*", changed)
         page.goto(strait)
@@ -322,7 +322,7 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
 
 def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
     """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
-    page = browser.new_page()
+    page = new_page(browser)
     try:
         page.goto(strait)
         page.wait_for_selector("html[data-ready=true]", state="attached")
@@ -394,7 +394,7 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
     conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])
     conn.commit()
     try:
-        page = browser.new_page()
+        page = new_page(browser)
         page.goto(serve(psycopg.conninfo.make_conninfo(dsn, options=f"-c role={guest}"), "strait"))
         page.wait_for_selector("html[data-ready=true]", state="attached")
         page.get_by_role("button", name="FERRY and TOW").click()
@@ -473,7 +473,7 @@ def test_havens_are_where_the_database_has_them(conn: Conn, dsn: str, serve: Ser
         return all.map(([key, t]) => model.objects.get(key).motion.haven(t));
     }"""
     answers = [conn.execute(query.encode(), [one.name, T0_S, T0_S + 20 * 3600]).fetchall() for one in scenes]
-    with browser.new_page() as page:
+    with new_page(browser) as page:
         page.goto(f"{serve(dsn, 'rhumb')}nothing")
         asked = [[scene.name, [one[:2] for one in known]] for scene, known in zip(scenes, answers, strict=True)]
         rings = [page.evaluate(script, one) for one in asked]

@@ -1,6 +1,7 @@
 """The timeline of the page of `conflictdb map`: rows with names, many conflicts, the calendar, filtering by time."""
 
 import re
+import time
 from typing import Any
 
 import numpy as np
@@ -92,18 +93,24 @@ def test_fingers_and_keys_have_hints_too(open_strait: Open) -> None:
     x = box["x"] + page.evaluate("(({pieces: [[from, to]]}) => (from + to) / 2)(conflictdbPage.timeline.bars[1])")
     point = {"x": x, "y": box["y"] + 4 + 1.5 * 16}
     touch = page.context.new_cdp_session(page)
-    touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [point]})
+
+    def finger(kind: str, at_s: float, *points: dict[str, float]) -> None:
+        """Say when that was: how long a finger stays does not depend on the machine."""
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, "timestamp": now_s + at_s})
+
+    now_s = time.time()
+    finger("touchStart", 0.0, point)
     expect(tip).to_contain_text("FIRING and FERRY")
     above = tip.bounding_box()
     assert above is not None
     assert above["y"] + above["height"] <= point["y"] - 30
     assert above["x"] >= 0
     assert above["x"] + above["width"] <= 390
-    page.wait_for_timeout(600)
-    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    finger("touchEnd", 0.6)
     expect(tip).to_be_hidden()
     expect(page.locator("#detail")).to_be_hidden()
-    page.touchscreen.tap(point["x"], point["y"])
+    finger("touchStart", 2.0, point)
+    finger("touchEnd", 2.05)
     expect(page.locator("#detail").get_by_role("heading")).to_have_text("FIRING and FERRY")
     expect(tip).to_be_hidden()
     page.keyboard.press("Escape")

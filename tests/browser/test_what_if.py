@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-from browsing import Open, rows
+from browsing import Open, rows, wait_until
 from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, Route, expect
@@ -212,9 +212,9 @@ def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
     asked: list[Route] = []
     page.route("**/api/probe", lambda route: asked.append(route))
     page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
+    wait_until(page, lambda: asked)
     copied(page, "GeoJSON")
-    for one in asked:
-        one.continue_()
+    asked[0].continue_()
     expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
     expect(page.locator(".what-if")).to_contain_text("Copied as GeoJSON")
 

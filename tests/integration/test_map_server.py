@@ -369,15 +369,15 @@ def test_a_client_that_never_ends_its_head_is_disconnected(strait: Client, monke
         while not halves[2].recv(1_000_000).endswith(b"]"):
             pass
         halves[2].sendall(whole[:20])
-        events = sockets.enter_context(socket.create_connection(address, timeout=3.0))
+        events = sockets.enter_context(socket.create_connection(address, timeout=WAIT_S))
         events.sendall(whole.replace(b"/places", b"/api/events"))
         for half in halves:
             assert half.recv(1000) == b""
         assert b"retry" in events.recv(10_000)
         time.sleep(1.5)
         events.setblocking(False)
-        with pytest.raises(BlockingIOError):  # a stream has its head
-            events.recv(1)
+        with suppress(BlockingIOError):  # a stream has its head, and stays open
+            assert events.recv(1) != b""
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from patience import WAIT_S
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 
 Open = Callable[..., Page]
 
@@ -28,6 +28,13 @@ _DRAWN_MS = 30_000  # a map that never rests is looked at all the same
 def chromium() -> str | None:
     """Return the path of the browser: CONFLICTDB_TEST_BROWSER, else the first installed one; None if there is none."""
     return os.environ.get("CONFLICTDB_TEST_BROWSER") or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
+def new_page(browser: Browser) -> Page:
+    """Return a page that waits as long as tests do."""
+    page = browser.new_page()
+    page.set_default_timeout(1000 * WAIT_S)
+    return page
 
 
 def rows(page: Page) -> list[str]:
