@@ -42,10 +42,9 @@ def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:
 
 
 @pytest.mark.usefixtures("city")
-@pytest.mark.parametrize("form", [as_feature, as_plan])
 @pytest.mark.parametrize("settings", [{}, {"intervals": "closed"}, {"motion": "great_circle", "earth": "sphere"}])
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, HARBOUR], ids=lambda w: w.name)
-def test_sql_says_what_python_says(db: Database, workload: Workload, settings: dict[str, Any], form: Any) -> None:
+def test_sql_says_what_python_says(db: Database, workload: Workload, settings: dict[str, Any]) -> None:
     """Of areas and tracks, among objects that are detected, changed or new: the same pairs, verdicts and periods."""
     scene, areas, tracks = throw(workload, 5, 24, 8)
     if settings.get("motion") and workload is SEAM:
@@ -60,7 +59,8 @@ def test_sql_says_what_python_says(db: Database, workload: Workload, settings: d
     decided = refused = 0
     conn = db.connection
     # No stored plan has an owner: that of a candidate decides nothing, and half of them have one.
-    for one, owner in zip(candidates, cycle([None, "somebody", "somebody", None]), strict=False):
+    owners, forms = cycle([None, "somebody", "somebody", None]), cycle([as_feature, as_feature, as_plan])
+    for one, owner, form in zip(candidates, owners, forms, strict=False):
         with conn.transaction(force_rollback=True):
             expected = city.admit(one, owner)
             there = sorted(keys(city))

@@ -5,15 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 TESTS = Path(__file__).resolve().parents[1]
 
 
-@pytest.mark.parametrize(
-    "files", [("support/made_up_forms.py", "paths/test_borders.py"), ("paths/test_stored_borders.py",)]
-)
-def test_made_up_columns_reach_every_border(server_dsn: str, files: tuple[str, ...]) -> None:
+FILES = ("support/made_up_forms.py", "paths/test_borders.py", "paths/test_stored_borders.py")
+
+
+def test_made_up_columns_reach_every_border(server_dsn: str) -> None:
     """Those of `made_up_columns.NOT_GENERIC` are left out, with their reasons."""
     here = {"PYTHONPATH": os.pathsep.join([str(TESTS / "support"), str(TESTS.parent / "docs")])}
     ran = subprocess.run(
@@ -26,7 +24,7 @@ def test_made_up_columns_reach_every_border(server_dsn: str, files: tuple[str, .
             "-q",
             "-p",
             "made_up_columns",
-            *(str(TESTS / one) for one in files),
+            *(str(TESTS / one) for one in FILES),
         ],
         env={**os.environ, **here, "CONFLICTDB_TEST_DSN": server_dsn},
         cwd=TESTS.parent,
