@@ -28,6 +28,17 @@ END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
 'Rows of pieces of an object of a scene with versions below p_until. Inlined into queries.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._grown(p_part geometry) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Sides of 2 km leave straight ones in degrees by centimetres, far less than 10 m of the plane. A part around
+    -- the earth has longer sides, whose bends grow with the square.
+    SELECT ST_Segmentize(ST_Buffer(p_part, 10 * (s.side_m / 2000) ^ 2, 'join=mitre mitre_limit=2'), s.side_m)
+    FROM (SELECT greatest(2000, ST_Length(ST_Boundary(p_part)) / 5000) AS side_m) s;
+END;
+COMMENT ON FUNCTION _grown(geometry) IS
+'Extends part of a region (metres in the scene''s plane) so that its projection to longitude and latitude contains it.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_region(
     p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
     p_b_version bigint, p_periods tstzmultirange, p_plane text
@@ -48,7 +59,7 @@ BEGIN
     IF p_a_kind = 0 AND p_b_kind = 0 THEN
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
+            FROM (SELECT _part_from_plane(_grown(m.part), p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(ST_Translate(a.shape, o.turn * v_turn_m, 0),
                                                ST_Translate(b.shape, p.turn * v_turn_m, 0)) AS part,
                                (a.part, o.turn, b.part, p.turn) AS nr
@@ -64,7 +75,7 @@ BEGIN
         -- Hulls are padded, so they also meet if the polygons are only within the separation.
         SELECT ST_Union(d.part ORDER BY d.nr)
             INTO v_region
-            FROM (SELECT _part_from_plane(m.part, p_plane) AS part, m.nr
+            FROM (SELECT _part_from_plane(_grown(m.part), p_plane) AS part, m.nr
                   FROM (SELECT ST_Intersection(a.hull, b.hull) AS part, (a.part, o.turn, b.part, p.turn) AS nr
                         FROM _pieces_before(p_scene_id, p_a_kind, p_a_id, v_a_until) o
                         JOIN _pieces_before(p_scene_id, p_b_kind, p_b_id, v_b_until) p
@@ -80,8 +91,8 @@ END
 $$;
 COMMENT ON FUNCTION _conflict_region(
     bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
-'Region of a conflict, longitude and latitude in degrees. Two areas: intersection of their footprints. Otherwise a '
-'superset: intersection of the hulls swept during the periods. Used if detection did not compute the region: great '
+'Region of a conflict, longitude and latitude in degrees, a superset. Two areas: intersection of their footprints, and '
+'some metres. Otherwise: intersection of the hulls swept during the periods. Used if detection did not compute the region: great '
 'circles next to a pole, objects that could not be cut, pairs that could not be solved. Null if nothing intersects.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._covering(p_region geometry, p_place geometry) RETURNS geometry

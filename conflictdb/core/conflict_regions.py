@@ -15,40 +15,26 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take
 from conflictdb.core.covering import covering, placed
+from conflictdb.core.pieces.convex_parts import convex_parts
 from conflictdb.core.pieces.covers import COVER
 from conflictdb.core.shared_areas import beyond, common_area, united
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup
-from conflictdb.kernel.regions import RegionKind, joined, regions
-from conflictdb.kernel.rows import interleaved
+from conflictdb.kernel.regions import OutlineKind, RegionKind, joined, outlines, regions
 from conflictdb.model.results import Kind
 
 # Increase it if the regions of unchanged answers change: databases then rewrite theirs.
-EDITION: Final = 5
+EDITION: Final = 6
 # A union of at most this many parts is exact. Of more, neighbours in time are merged first: a track that lies still for
 # hours has thousands of nearly equal parts.
 _FEW_PARTS: Final = 8
 # Two areas with more contacts are intersected as whole areas: a union of 10,000 parts takes 12 s.
 _MANY_PARTS: Final = 64
-# Sides that are straight in the plane and in degrees agree to the tolerance, or to this, metres. With less, regions
-# have more corners; with more, a point of contact may lie further outside.
-AGREE_M: Final = 1.0
-# Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
-_STRAIGHT_M = 100.0
-# At most about this many corners are added to a region. A track around the earth had 12 million, more than PostgreSQL
-# can print. With fewer, sides of large regions bend by some metres.
-_MOST_CORNERS = 20_000
-# Head of a polygon in EWKB: little-endian, type with SRID, the SRID, one ring.
-_HEAD: Final = b"\x01" + np.array([3 | 0x2000_0000, SRID, 1], "<u4").tobytes()
-# Rounding error of a cross product, relative to its terms: sides are rounded once, then three more roundings.
-_ROUNDING: Final = 1e-15
-# Longest side on a great circle before it is cut, metres of the plane, as in sql/11_plane.sql.
-_SIDE_M: Final = 25_000.0
-# A region may contain a pole above this latitude, or if longitudes differ by more along such a side.
-_HIGHEST_DEG: Final = 89.5
-_LARGEST_STEP_DEG: Final = 90.0
-_BEYOND_M: Final = 1e8  # five times as far as a gnomonic plane reaches
-_SEAM_DEG = 1e-11  # a micrometre: rounded corners on the seam miss it by less
+# A region reaches beyond its sides in the plane by at most the tolerance, or by this if that is larger, metres:
+# with less, regions have more corners.
+BEYOND_M: Final = 1.0
+# By no more than this either, metres: outlines next to a pole would cross it.
+_MOST_BEYOND_M: Final = 1_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +73,9 @@ class Meetings:
         count[in_contact] = np.diff(offset)
         times = self.start_s[contacts], self.end_s[contacts]
         a, b = PieceRows(self.a[contacts]), PieceRows(self.b[contacts])
-        found = regions_of(self.setup, self.prepared, a, b, times, offsets(count), threads=self.threads)
         place = np.full((len(rows), 2), np.nan)
         place[in_contact] = self.first_deg[rows[in_contact]]
-        return covering(found, place)
+        return regions_of(self.setup, self.prepared, a, b, times, offsets(count), place_deg=place, threads=self.threads)
 
 
 def regions_of(
@@ -101,19 +86,21 @@ def regions_of(
     seconds: tuple[Floats, Floats],
     offset: NDArray[np.int64],
     *,
+    place_deg: Floats,
     threads: int = 1,
 ) -> Polygons:
-    """Return the regions of n pairs of objects: valid, cut at the seam.
+    """Return the regions of n pairs of objects: valid, cut at the seam, each with a place in it.
 
-    The region of two areas is their intersection, of other pairs a superset: the area that both sweep during their
-    contacts. It is unknown near a pole, on great circles, and for objects that could not be cut; the database then
-    computes it from the hulls of pieces.
+    A region contains the intersection of two areas, of other pairs the area that both sweep during their contacts. It
+    reaches beyond that by at most the tolerance, or `BEYOND_M`. It is unknown near a pole, on great circles, and for
+    objects that could not be cut; the database then computes it from the hulls of pieces.
 
     a, b : (m,) the prepared pieces of each contact
     seconds : (m,) start and end, seconds after the start of the shared span; infinite for areas without times
     offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]); the region is unknown without contacts
+    place_deg : (n, 2) longitude and latitude; NaN: not known
     """
-    pieces = prepared.pieces
+    pieces, plane = prepared.pieces, setup.plane
     count = np.diff(offset)
     is_known = count > 0
     if not is_known.any():
@@ -123,7 +110,7 @@ def regions_of(
     asked = np.flatnonzero(~has_cover)
     zero_us, _ = pieces.shared_span(a, b)
     low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[asked] for one in seconds)
-    reach_m, agree_m = setup.scene.tolerance_m + setup.scene.separation_m, max(setup.scene.tolerance_m, AGREE_M)
+    reach_m = setup.scene.tolerance_m + setup.scene.separation_m
     ring, ring_offset, kind = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
     is_known[group[has_cover]] = False
     is_known[group[asked[kind == RegionKind.UNKNOWN]]] = False
@@ -135,6 +122,7 @@ def regions_of(
     filled = np.flatnonzero((np.diff(ring_offset) > 0) & wanted)
     (ring, ring_offset), owner = ragged_take(ring_offset, ring, filled), owner[filled]
 
+    limit_m = min(max(setup.scene.tolerance_m, BEYOND_M), _MOST_BEYOND_M)
     crowded = np.flatnonzero(is_crowded)
     of_crowded = np.flatnonzero(is_crowded[owner])
     near, near_offset = ragged_take(ring_offset, ring, of_crowded)
@@ -146,38 +134,30 @@ def regions_of(
             mine = slice(offset[crowded[pair]], offset[crowded[pair] + 1])
             parts = ragged_take(near_offset, near, np.arange(*near_end[:, pair]))
             found[k] = _of_areas(setup, pieces, PieceRows(a[mine]), PieceRows(b[mine]), *parts)
-        return _to_degrees(setup.plane, found, agree_m)
+        return in_degrees(plane, found, limit_m)
 
-    areas = _each_alone(len(crowded), of_areas)
-    rest = np.flatnonzero(~is_crowded[owner])
-    ring, ring_offset, owner = _put_together(*ragged_take(ring_offset, ring, rest), owner[rest], moves)
-
-    # Nearly all are one ring that is also convex in degrees, and so valid; great circles bend in degrees.
-    is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (setup.plane.turn_m > 0.0)
-    alone = np.flatnonzero(is_alone)
-    xy, at = ragged_take(ring_offset, ring, alone)
-    convex = np.flatnonzero(_are_convex(_degrees(setup.plane, xy), at))
-    xy, at, is_cut = _with_corners(setup.plane, *ragged_take(at, xy, convex), agree_m)
-    plain = _of_rings(_degrees(setup.plane, xy), at)
-    # Sides of thin parts may cross where they bend.
-    is_valid = np.ones(len(convex), np.bool_)
-    is_valid[is_cut] = shapely.is_valid(plain.take(np.flatnonzero(is_cut)).geometries())
-    plain, convex = plain.take(np.flatnonzero(is_valid)), convex[is_valid]
-    is_plain = np.zeros(len(count), np.bool_)
-    is_plain[owner[alone[convex]]] = True
-
-    others = np.unique(owner[~is_plain[owner]])
-    xy, at = ragged_take(ring_offset, ring, np.flatnonzero(~is_plain[owner]))
-    owner = np.searchsorted(others, owner[~is_plain[owner]])
+    areas = Polygons.of(_each_alone(len(crowded), of_areas))
+    if len(crowded):
+        rest = np.flatnonzero(~is_crowded[owner])
+        (ring, ring_offset), owner = ragged_take(ring_offset, ring, rest), owner[rest]
+    ring, ring_offset, owner = _put_together(ring, ring_offset, owner, moves)
+    at = offsets(np.bincount(owner, minlength=len(count)))
+    data, end, what = outlines(plane.kernel_plane, ring, ring_offset, at, limit_m, place_deg=place_deg)
+    found, doubtful = Polygons(data, end), np.flatnonzero(what > OutlineKind.AWAY)
+    if not len(doubtful) and not len(crowded) and not (what == OutlineKind.AWAY).any():
+        return found
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
-        first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
-        parts = _polygons(xy[at[first] : at[last]], np.diff(at[first : last + 1]))
-        return _to_degrees(setup.plane, _unions(parts, owner[first:last] - wanted[0], ~moves[others[wanted]]), agree_m)
+        taken, of = ragged_rows(at, doubtful[wanted])
+        rings, ends = ragged_take(ring_offset, ring, of)
+        return _united_in_degrees(plane, rings, ends, taken, limit_m)
 
-    made = _each_alone(len(others), of_pairs)
-    parts = (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)), (crowded, Polygons.of(areas))
-    return placed(len(count), *parts)
+    sure = np.flatnonzero((what <= OutlineKind.AWAY) & ~is_crowded)
+    made = Polygons.of(_each_alone(len(doubtful), of_pairs))
+    found = placed(len(count), (sure, found.take(sure)), (doubtful, made), (crowded, areas))
+    away = np.flatnonzero((what != OutlineKind.SOUND) | is_crowded)
+    kept = np.flatnonzero((what == OutlineKind.SOUND) & ~is_crowded)
+    return placed(len(count), (kept, found.take(kept)), (away, covering(found.take(away), place_deg[away])))
 
 
 def _of_areas(
@@ -233,136 +213,66 @@ def _unknown(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
     return np.full(len(wanted), None, dtype=object)
 
 
-def _degrees(plane: Plane, xy: Floats) -> Floats:
-    """Return longitude and latitude of places in the plane (n, 2); places within rounding of the seam are on it."""
-    lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
-    on_seam = np.abs(np.abs(lon) - 180.0) < _SEAM_DEG
-    return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
+def in_degrees(plane: Plane, found: NDArray[np.object_], limit_m: float) -> NDArray[np.object_]:
+    """Return polygons (n,) of the plane in longitude and latitude, valid, cut at the seam; None: unknown.
 
-
-def _are_convex(xy: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether closed rings that were convex in the plane certainly turn left at every vertex.
-
-    East and west are the same in degrees: a ring that always turns left goes around once.
+    Each contains the polygon in the plane, and reaches beyond it by at most limit_m, metres on the earth.
     """
-    if not len(xy):
-        return np.zeros(len(offset) - 1, np.bool_)
-    # The side from each vertex to the next; the last vertex is the first again, and has its side.
-    side = np.roll(xy, -1, axis=0) - xy
-    side[offset[1:] - 1] = side[offset[:-1]]
-    after = np.roll(side, -1, axis=0)
-    one, other = side[:, 0] * after[:, 1], side[:, 1] * after[:, 0]
-    left = one - other > _ROUNDING * (np.abs(one) + np.abs(other))
-    left[offset[1:] - 1] = True
-    return np.logical_and.reduceat(left, offset[:-1])
-
-
-def _of_rings(lonlat: Floats, offset: NDArray[np.int64]) -> Polygons:
-    """Return a polygon for each closed ring; ring i has the vertices lonlat[offset[i]:offset[i + 1]]."""
-    count = np.diff(offset)
-    head = np.tile(np.frombuffer(_HEAD, np.uint8), (len(count), 1))
-    vertices = lonlat.astype("<f8").view(np.uint8).reshape(-1)
-    data = interleaved([head, count.astype("<u4").view(np.uint8).reshape(-1, 4), (vertices, 16 * offset)])
-    return Polygons(data, offsets(len(_HEAD) + 4 + 16 * count))
-
-
-def _to_degrees(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
-    """Return polygons (n,) of the plane in degrees. Parts are united in the plane, where their sides are straight.
-
-    agree_m : largest distance between a side in degrees and the side in the plane, metres
-    """
-    if not plane.turn_m:
-        return _on_great_circles(plane, found, agree_m)
-    side_m = np.maximum(_longest_rhumb_m(plane, agree_m), shapely.length(found) / _MOST_CORNERS)
-    return _straight_in_degrees(plane, shapely.segmentize(found, np.nan_to_num(side_m, nan=np.inf)))
-
-
-def _longest_rhumb_m(plane: Plane, agree_m: float) -> float:
-    """Return how far north a side of the Mercator plane may go, plane metres.
-
-    Latitude has the second derivative -sin cos, at most 1/2, in psi: a chord leaves it by at most psi^2 / 16.
-    """
-    return float(np.sqrt(16.0 * plane.kernel_plane.radius_m * agree_m))
-
-
-def _with_corners(
-    plane: Plane, ring: Floats, offset: NDArray[np.int64], agree_m: float
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Return closed rings of the Mercator plane with corners added to long sides, offsets, and (n,) which have some."""
-    if not len(ring):
-        return ring, offset, np.zeros(0, np.bool_)
-    side = np.roll(ring, -1, axis=0) - ring
-    side[offset[1:] - 1] = 0.0
-    parts = np.maximum(np.ceil(np.abs(side[:, 1]) / _longest_rhumb_m(plane, agree_m)), 1.0)
-    total = np.repeat(np.add.reduceat(parts, offset[:-1]), np.diff(offset))
-    count = np.ceil(parts * np.minimum(1.0, _MOST_CORNERS / total)).astype(np.int64)
-    bounds = offsets(count)
-    share = (np.arange(bounds[-1]) - np.repeat(bounds[:-1], count)) / np.repeat(count, count)
-    more = np.repeat(ring, count, axis=0) + share[:, None] * np.repeat(side, count, axis=0)
-    return more, bounds[offset], np.maximum.reduceat(count, offset[:-1]) > 1
-
-
-def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return polygons (n,) of the plane in longitude and latitude, valid."""
-
-    def degrees(xy: Floats) -> Floats:
-        return _degrees(plane, xy)
-
-    in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), SRID)
-    # Long sides of thin parts bend in degrees and may cross: more corners keep them as in the plane.
-    crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
-    side_m = np.maximum(_STRAIGHT_M, shapely.length(in_plane[crossed]) / _MOST_CORNERS)
-    straight = shapely.transform(shapely.segmentize(in_plane[crossed], side_m), degrees)
-    # Parts of a union that nearly touch may cross after rounding.
-    crosses = ~shapely.is_valid(straight)
-    straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)
-    found[crossed] = shapely.set_srid(straight, SRID)
-    return np.asarray(found)
-
-
-def _on_great_circles(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
-    """Return polygons (n,) of a gnomonic plane in longitude and latitude, cut at the seam; None near a pole."""
-    lonlat, of = shapely.get_coordinates(
-        shapely.transform(shapely.segmentize(found, _SIDE_M), lambda xy: _degrees(plane, xy)), return_index=True
+    parts, of = shapely.get_parts(shapely.orient_polygons(found), return_index=True)
+    rings, part = shapely.get_rings(parts, return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    ends, region = (
+        offsets(np.bincount(ring, minlength=len(rings))),
+        offsets(np.bincount(of[part], minlength=len(found))),
     )
-    # Longitudes jump at the meridian opposite to the centre's, which is reached across a pole.
-    jumps = (np.abs(np.diff(lonlat[:, 0])) > _LARGEST_STEP_DEG) & (of[1:] == of[:-1])
-    is_known = ~shapely.is_missing(found)
-    is_known[of[1:][jumps]] = False
-    is_known[of[np.abs(lonlat[:, 1]) > _HIGHEST_DEG]] = False
-    furthest = np.zeros(len(found))
-    np.maximum.at(furthest, of, np.abs(lonlat[:, 0]))
-    result = np.full(len(found), None, dtype=object)
-    highest = np.zeros(len(found))
-    np.maximum.at(highest, of, np.abs(lonlat[:, 1]))
-    # Along a great circle longitude and latitude curve by at most 1.16 tan(latitude) of its length.
-    curve = 1.16 * np.maximum(np.tan(np.radians(highest)), 1e-3) / plane.kernel_plane.radius_m
-    side_m = np.sqrt(8.0 * agree_m / curve)
-    side_m = np.minimum(_SIDE_M, np.maximum(side_m, shapely.length(found) / _MOST_CORNERS))
-    within = is_known & (furthest <= 180.0)
-    result[within] = _straight_in_degrees(plane, shapely.segmentize(found[within], side_m[within]))
-    for k in np.flatnonzero(is_known & (furthest > 180.0)).tolist():
-        sides = shapely.segmentize(shapely.intersection(found[k], _sides_of_seam(plane)), side_m[k])
-        parts = []
-        for side in _straight_in_degrees(plane, sides[~shapely.is_empty(sides)]):
-            west, _, east, _ = side.bounds
-            home = -360.0 * np.round(0.5 * (west + east) / 360.0)
-            moved = shapely.transform(side, lambda at, by=home: at + np.array([by, 0.0]))
-            parts += [part for part in shapely.get_parts(moved).tolist() if part.geom_type == "Polygon"]
-        result[k] = shapely.set_srid(shapely.MultiPolygon(parts) if len(parts) > 1 else parts[0], SRID)
+    is_hole = np.diff(part, prepend=-1) == 0
+    data, end, what = outlines(plane.kernel_plane, xy, ends, region, limit_m, is_hole=is_hole)
+    result = Polygons(data, end).geometries()
+    for k in np.flatnonzero(what > OutlineKind.SOUND).tolist():
+        # Sides of thin parts, or next to each other, cross where they move outward.
+        _, corners, open_ends = convex_parts(found[k : k + 1])
+        count = np.diff(open_ends)
+        closed = ragged_rows(open_ends, np.arange(len(count)))[1]
+        closed = np.insert(closed, open_ends[1:], open_ends[:-1])
+        united = _united_in_degrees(plane, corners[closed], offsets(count + 1), np.array([0, len(count)]), limit_m)
+        result[k] = united[0]
     return result
 
 
-def _sides_of_seam(plane: Plane) -> NDArray[np.object_]:
-    """Return the two half planes (2,) on either side of the meridian 180, a line in a gnomonic plane."""
-    lat = np.linspace(-89.0, 89.0, 179)
-    places = np.stack(plane.to_plane(np.full(len(lat), 180.0), lat), axis=1)
-    places = places[np.isfinite(places[:, 0])]  # within the horizon of the plane
-    one, other = places[np.argsort(np.hypot(*places.T))[:2]]
-    along = (other - one) / np.hypot(*(other - one)) * _BEYOND_M
-    across = np.array([-along[1], along[0]])
-    sides = (across, -across)
-    return shapely.polygons([[one - along, one + along, one + along + by, one - along + by] for by in sides])
+def _united_in_degrees(
+    plane: Plane, ring: Floats, ring_offset: NDArray[np.int64], offset: NDArray[np.int64], limit_m: float
+) -> NDArray[np.object_]:
+    """Return the unions (n,) of convex rings of the plane, in longitude and latitude; None: a ring is unknown.
+
+    ring, ring_offset, offset : see `outlines`
+    """
+    each = np.arange(len(ring_offset))
+    data, end, what = outlines(plane.kernel_plane, ring, ring_offset, each, limit_m)
+    parts = Polygons(data, end).geometries()
+    crossed = np.flatnonzero(what > OutlineKind.AWAY)
+    crossed = crossed[~shapely.is_valid(parts[crossed])]
+    parts[crossed] = shapely.convex_hull(parts[crossed])
+    found = np.full(len(offset) - 1, None, dtype=object)
+    for k, (first, last) in enumerate(zip(offset[:-1].tolist(), offset[1:].tolist(), strict=True)):
+        if not (what[first:last] == OutlineKind.UNKNOWN).any():
+            found[k] = _home(shapely.union_all(parts[first:last]))
+    return shapely.set_srid(found, SRID)
+
+
+def _home(region: shapely.Geometry) -> shapely.Geometry:
+    """Return a region within 180 degrees of longitude, cut at the seam where it reaches beyond it."""
+    west, _, east, _ = region.bounds
+    if west >= -180.0 and east <= 180.0:
+        return region
+    parts = []
+    for turn in (-360.0, 0.0, 360.0):
+        part = shapely.intersection(region, shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0))
+        parts += [
+            shapely.transform(one, lambda at, by=turn: np.clip(at - (by, 0.0), (-180.0, -90.0), (180.0, 90.0)))
+            for one in shapely.get_parts(part).tolist()
+            if one.geom_type == "Polygon"
+        ]
+    return shapely.union_all(parts)
 
 
 def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -371,19 +281,3 @@ def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
         return np.empty(0, dtype=object)
     rings = shapely.linearrings(ring, indices=np.repeat(np.arange(len(count)), count))
     return np.asarray(shapely.polygons(rings))
-
-
-def _unions(parts: NDArray[np.object_], owner: NDArray[np.int64], stand: NDArray[np.bool_]) -> NDArray[np.object_]:
-    """Return the union of the parts of each pair (n,).
-
-    owner : the pair of each part, not decreasing
-    stand : (n,) whether both objects of a pair are areas
-    """
-    found = np.full(len(stand), None, dtype=object)
-    start = np.flatnonzero(np.diff(owner, prepend=-1))
-    size = np.diff(start, append=len(owner))
-    for k in np.unique(size).tolist():
-        rows = start[size == k]
-        of_row = parts[rows[:, None] + np.arange(k)]
-        found[owner[rows]] = of_row[:, 0] if k == 1 else united(of_row, stand[owner[rows]])
-    return found

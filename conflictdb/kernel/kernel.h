@@ -478,6 +478,37 @@ typedef enum {
 KERNEL_API KernelStatus kernel_regions(const KernelScene *scene, const KernelPairs *pairs, double reach_m, double *ring,
                                        int64_t *ring_offset, int8_t *what);
 
+/* Regions of the plane as rings: region i has the rings [offset[i], offset[i + 1]). */
+typedef struct {
+    int64_t count, ring_count, vertex_count;
+    const double *vertex;       /* (vertex_count, 2) closed, plane metres: in a Mercator plane within half a turn */
+    const int64_t *ring_offset; /* (ring_count + 1,) */
+    const int64_t *offset;      /* (count + 1,) */
+    const int8_t *is_hole;      /* (ring_count,) holes, clockwise, follow their shells, counter-clockwise. NULL: all rings are
+                                   convex and counter-clockwise, and a region is their union */
+} KernelRings;
+
+/* What is known of a region in longitude and latitude. */
+typedef enum {
+    KERNEL_OUTLINE_UNKNOWN = 0, /* not written: it reaches a pole, or is no wider than rounding */
+    KERNEL_OUTLINE_SOUND = 1,   /* valid, within 180 degrees of longitude, and the place is inside */
+    KERNEL_OUTLINE_AWAY = 2,    /* valid, but the place is not certainly inside */
+    KERNEL_OUTLINE_CROSSED = 3, /* its sides may cross or touch; not written if rings could not be united */
+    KERNEL_OUTLINE_BEYOND = 4   /* it reaches beyond 180 degrees of longitude; its sides may cross */
+} KernelOutline;
+
+/* Write regions as polygons and multipolygons in longitude and latitude, degrees. Each contains all places of its rings,
+ * and reaches beyond them by at most limit_m on the earth, unless a ring has more than some 20,000 corners.
+ *
+ * limit_m : 0.01 to 100,000
+ * place : (count, 2) longitude and latitude of a place that each should contain; NaN: none. NULL: none at all
+ * bytes, byte_offset : (room,), (count + 1,) EWKB: bytes[byte_offset[i]] to byte_offset[i + 1]; empty if not written
+ * what : (count,) KernelOutline
+ * done : the number of regions written, fewer than count if `room` is too small for the next
+ */
+KERNEL_API KernelStatus kernel_outlines(const KernelPlane *plane, const KernelRings *rings, double limit_m, const double *place,
+                                        uint8_t *bytes, int64_t room, int64_t *byte_offset, int8_t *what, int64_t *done);
+
 /* Merge consecutive convex rings of one owner while their hull exceeds their union by at most a tenth. The results need
  * at most as many rings and vertices as the input.
  *

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2da67d32e955c8c65e250849a2e510815b2e1193bfce2b498db006db9267546e"
+routines_sha256 = "f334ba8fda0740f989ddfb1657c90fe98bdd2daf6cd7995018db7c230b25ce82"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -281,6 +281,36 @@ static void join_rings(int64_t odd, int64_t calls[16]) {
     free(ring), free(joined), free(offset), free(owner), free(ends), free(owners);
 }
 
+/* Write rings as outlines: convex or not, united or with holes, at any place, with little room. */
+static void draw_outlines(const KernelPlane *plane, double size, int64_t odd, int64_t calls[16]) {
+    enum { CORNERS = 7 };
+    const int64_t n = below(12), vertices = n * CORNERS, count = below(8), room = below(2) ? below(4000) : 40000;
+    double *ring = block(2 * vertices, 8), *place = block(2 * count, 8);
+    int64_t *ring_offset = block(n + 1, 8), *offset = block(count + 1, 8), *ends = block(count + 1, 8), done = 0;
+    int8_t *is_hole = block(n, 1), *what = block(count, 1);
+    uint8_t *bytes = block(room, 1);
+    for (int64_t i = 0; i <= n; i++) ring_offset[i] = below(20 * odd) ? i * CORNERS : instant(-3, 200, 2);
+    for (int64_t i = 0; i <= count; i++) offset[i] = below(20 * odd) ? i * n / (count > 0 ? count : 1) : instant(-3, 20, 2);
+    for (int64_t i = 0; i < n; i++) {
+        double x = number(-2.0, 2.0, odd) * 1e7, y = number(-1.0, 1.0, odd) * 1e7;
+        /* Rings of one region lie near each other. */
+        if (i > 0 && below(3)) x = ring[2 * (i - 1) * CORNERS] + number(-size, size, odd), y = ring[2 * (i - 1) * CORNERS + 1];
+        shape(ring + 2 * i * CORNERS, CORNERS - 1, x, y, size, odd);
+        for (int k = 0; k < 2; k++) ring[2 * (i + 1) * CORNERS - 2 + k] = ring[2 * i * CORNERS + k];
+        is_hole[i] = (int8_t)(below(3) == 0);
+    }
+    for (int64_t i = 0; i < 2 * count; i++) place[i] = number(-180.0, 180.0, 3);
+    KernelRings rings = {count,  below(200) ? n : -1,      below(200) ? vertices : instant(-3, 20, 2), ring, ring_offset,
+                         offset, below(2) ? is_hole : NULL};
+    double limit_m = below(20 * odd) ? number(0.01, 1000.0, odd) : -1.0;
+    KernelStatus status =
+        kernel_outlines(below(200) ? plane : NULL, &rings, limit_m, below(2) ? place : NULL, bytes, room, ends, what, &done);
+    calls[status]++;
+    if (status == KERNEL_OK && (done > count || (done > 0 && ends[done] > room))) abort();
+    void *blocks[] = {ring, place, ring_offset, offset, ends, is_hole, what, bytes};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
+}
+
 static double some_guess(void *of, int64_t pair, double low, double high, int32_t is_last) {
     return of || pair < 0 || is_last > 1 ? 0.0 : number(low, high, 4);
 }
@@ -464,6 +494,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     meet_boxes(odd, calls);
     read_polygons(odd, calls);
     join_rings(odd, calls);
+    draw_outlines(&plane, size, odd, calls);
     make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
