@@ -38,7 +38,7 @@ from conflictdb.model.results import Verdict
 Parts = dict[str, list[Any]]
 # What makes a proof damaged, as in `check_proof.main`.
 DAMAGED: Final = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError)
-# Ends of periods are proven to a millisecond, with a separation to a second.
+# Ends of periods are proven to ten milliseconds, with a separation to a second.
 SHARP_S: Final = 1.1 * check_proof.SHARP_S
 SHARP_APART_S: Final = 1.1 * check_proof.SHARP_APART_S
 # Changed proofs of one scene.
