@@ -36,6 +36,7 @@ class Refusal:
     says : a part of the sentence
     sqlstate, constraint : of the database's refusal; None: no geometry of PostGIS is such
     field : of the refusal in Python, as files name it
+    in_sql : a part of the database's sentence, where it has another one
     """
 
     kind: str
@@ -44,6 +45,7 @@ class Refusal:
     field: str
     sqlstate: str | None = None
     constraint: str | None = None
+    in_sql: str = ""
 
     @property
     def plan(self) -> dict[str, Any]:
@@ -51,7 +53,10 @@ class Refusal:
 
     def is_of_files(self) -> bool:
         """Whether JSON and tables have such a value: an empty text there is none."""
-        return all(one != "" and not (isinstance(one, float) and math.isnan(one)) for one in self.given.values())
+        numbers = [one for one in self.given.values() if isinstance(one, float)]
+        both = {"floor_m", "floors_m"} <= self.given.keys()  # files have one of them
+        is_more = "xtd" in self.given.get("tolerances", {})  # a property
+        return not both and not is_more and "" not in self.given.values() and not any(map(math.isnan, numbers))
 
 
 Ring = list[tuple[float, float]]
@@ -76,9 +81,24 @@ def track_with(field: str, value: Any, says: str, *rule: str) -> Refusal:
     return Refusal("track", {column: value}, says, field, *rule)
 
 
+def track_of(field: str, says: str, *rule: str, **given: Any) -> Refusal:
+    return Refusal("track", given, says, field, *rule)
+
+
+def tolerance(field: str, value: Any, says: str, constraint: str, in_sql: str) -> Refusal:
+    name = field.partition("[")[0].removeprefix("tolerances.")
+    return Refusal("track", {"tolerances": {name: value}}, says, field, "ZC007", f"tolerances_{constraint}", in_sql)
+
+
 _SAME_TIME, _CONVEX = "two places at the same time", ("convex", "ZC006", "outline_convex")
 _GROWTH = ("from 0 to 1e6", "ZC006", "track_growth_in_range")
 _BYTES = "1 to 200 bytes"
+_CONVEX_RING, _CROSSED = ("convex ring", "ZC006", "outline_convex"), [RING[n] for n in (0, 2, 1, 3)]
+_SHARP = ("sharper than 1 degree", "ZC006", "outline_not_sharp")
+_PER_WAYPOINT = ("ZC006", "outline_per_waypoint")
+_PER_LEG = "one per leg (2) or one per waypoint (3)"
+_LEGS = ("ZC004", "height_per_leg")
+_ABOVE = ("above the floor", "ZC004", "ceiling_above_floor")
 REFUSALS = {
     "area crosses itself": area_at(
         [(0, 0), (1, 1), (1, 0), (0, 1), (0, 0)], "Self-intersection", "ZC001", "footprint_valid"
@@ -108,7 +128,48 @@ REFUSALS = {
     "haven crosses itself": track_with("outline_m", [(0, 0), (2, 2), (2, 0), (0, 2)], *_CONVEX),
     "track shrinks": track_with("grow_mps", -1.0, *_GROWTH),
     "track grows without measure": track_with("grow_mps", 2e6, *_GROWTH),
-}
+    "track grows by no number": track_with("grow_mps", math.nan, *_GROWTH),
+    "a spike grows": track_of("outline_m", *_SHARP, outline=[(0, 0), (1000, 0), (1000, 5)], grow_mps=1.0),
+    "a line grows": track_of("outline_m", *_SHARP, outline=[(0, 0), (5, 0), (9, 0)], grow_mps=1.0),
+    "grows and changes": track_of(
+        "grow_mps", "together with outlines", "ZC006", "track_growth_given_once", grow_mps=1.0, outlines_m=[RING] * 3
+    ),
+    "an outline too few": track_of("outlines_m", "3 waypoints, 2 outlines", *_PER_WAYPOINT, outlines_m=[RING] * 2),
+    "turned inside out": track_of(
+        "outlines_m[1]", "does not stay convex", "ZC006", "outlines_stay_convex", outlines_m=[RING, RING[::-1], RING]
+    ),
+    "changes and is not convex": track_of("outlines_m[2]", *_CONVEX_RING, outlines_m=[RING, RING, _CROSSED]),
+    "heights too few": track_of("floor_m", f"{_PER_LEG}; got 1 heights", *_LEGS, floors_m=[1.0]),
+    "no heights": track_of("floor_m", f"{_PER_LEG}; got 0 heights", *_LEGS, floors_m=[]),
+    "a height is no number": track_of("ceiling_m[1]", "finite", "ZC004", "heights_finite", ceilings_m=[1.0, math.nan]),
+    "a leg without height": track_of("ceiling_m[1]", *_ABOVE, floors_m=[1.0, 5.0], ceilings_m=[2.0, 5.0]),
+    "a leg above the whole": track_of("ceiling_m", *_ABOVE, floors_m=[1.0, 5.0], ceiling_m=4.0),
+    "the whole above a leg": track_of("ceiling_m[1]", *_ABOVE, floor_m=3.0, ceilings_m=[4.0, 3.0]),
+    "another height of the whole": track_of(
+        "floor_m", "must be that of all legs", "ZC004", "height_of_all_legs", floors_m=[0.0, 5.0], floor_m=4.0
+    ),
+    "unknown tolerance": tolerance("tolerances.xtd", 5, "is not known", "known", "'xtd' is not known"),
+    "negative limit": tolerance("xtd_port_m", -1, "0 or more", "number", "a number from 0 to 18520; got -1"),
+    "limit in nautical miles": tolerance(
+        "xtd_port_m", 740_800, "in metres read as nautical miles", "number", "from 0 to 18520; got 740800"
+    ),
+    "limits too many": tolerance("xtd_port_m", [1, 2, 3], "one per leg: 2; got 3", "count", "must be one number, or 2"),
+    "radii too many": tolerance("turn_radius_m", [1, 2], "one per turn: 1; got 2", "count", "must be one number, or 1"),
+    "no speed": tolerance("max_speed_kn", 0, "greater than 0", "number", "must be a number from 0"),
+    "window without its time": tolerance(
+        "departure_window", ["2026-03-01T00:10Z", "2026-03-01T00:20Z"], "must contain", "window", "planned time of its"
+    ),
+    "window without its end": tolerance(
+        "departure_window", ["2026-03-01T00:10Z"], "earliest, latest", "count", "must be [earliest, latest]"
+    ),
+    "window of words": tolerance("arrival_window[0]", ["soon", "later"], "ISO 8601", "window", "must be two instants"),
+    # JSON of the database has no such number, and it takes the two others.
+    "a limit is no number": track_of("xtd_starboard_m[1]", "finite", tolerances={"xtd_starboard_m": [1, math.nan]}),
+    "slower than slowest": track_of(
+        "min_speed_kn", "must not be greater than max_speed_kn", tolerances={"min_speed_kn": 5, "max_speed_kn": 4}
+    ),
+    "as slow as nothing": track_of("min_speed_kn", "without an arrival_window", tolerances={"min_speed_kn": 0}),
+}  # fmt: skip
 
 
 def instant(at_s: float) -> datetime:
@@ -133,7 +194,13 @@ def as_feature(plan: dict[str, Any]) -> dict[str, Any]:
     else:
         geometry = {"type": "LineString", "coordinates": given.pop("path")}
         given["times"] = [instant(one).isoformat() for one in given["times"]]
-        given["outline_m"] = given.pop("outline")
+        outline = given.pop("outline")
+        if "outlines_m" not in given:
+            given["outline_m"] = outline
+        for name in ("floor", "ceiling"):
+            if f"{name}s_m" in given:
+                given[f"{name}_m"] = given.pop(f"{name}s_m")
+        given |= given.pop("tolerances", {})
     return {"type": "Feature", "id": "P", "geometry": geometry, "properties": given}
 
 
@@ -165,8 +232,16 @@ def as_row(plan: dict[str, Any]) -> dict[str, Any]:
         points = ",".join(f"{x} {y}" for x, y in given["footprint"])
         return {**given, "footprint": f"SRID=4326;MULTIPOLYGON((({points})))"}
     waypoints = ",".join(f"{x} {y} {T0_S + t}" for (x, y), t in zip(given["path"], given.pop("times"), strict=True))
-    ring = ",".join(f"{x} {y}" for x, y in [*given["outline"], given["outline"][0]])
-    return {**given, "path": f"SRID=4326;LINESTRING M({waypoints})", "outline": f"POLYGON(({ring}))"}
+    given |= {"path": f"SRID=4326;LINESTRING M({waypoints})", "outline": f"POLYGON({ring_text(given['outline'])})"}
+    if "outlines_m" in given:
+        given["outlines"] = f"MULTIPOLYGON({','.join(f'({ring_text(one)})' for one in given.pop('outlines_m'))})"
+    if "tolerances" in given:
+        given["tolerances"] = json.dumps(given["tolerances"])
+    return given
+
+
+def ring_text(ring: Ring) -> str:
+    return f"({','.join(f'{x} {y}' for x, y in [*ring, ring[0]])})"
 
 
 def by_put(plan: dict[str, Any], conn: psycopg.Connection[Any]) -> None:
@@ -194,8 +269,9 @@ def said(enter: Callable[[dict[str, Any]], None], plan: dict[str, Any]) -> str:
     return ""
 
 
-def wrong(found: Mapping[str, str]) -> dict[str, str]:
-    return {name: text for name, text in found.items() if REFUSALS[name].says not in text}
+def wrong(found: Mapping[str, str], *, in_sql: bool = False) -> dict[str, str]:
+    words = {name: (one.in_sql if in_sql and one.in_sql else one.says) for name, one in REFUSALS.items()}
+    return {name: text for name, text in found.items() if words[name] not in text}
 
 
 def wrong_in_python(found: Mapping[str, str]) -> dict[str, str]:
@@ -217,6 +293,7 @@ def test_files_and_requests_refuse_each(tmp_path: Path) -> None:
 
 def test_frames_refuse_each() -> None:
     asked = {name: one.plan for name, one in REFUSALS.items() if one.is_of_files() and one.sqlstate is not None}
+    del asked["a height is no number"]  # which is none in a frame
     assert wrong_in_python({name: said(by_frame, plan) for name, plan in asked.items()}) == {}
 
 
@@ -241,7 +318,7 @@ def test_the_database_refuses_each(scene: psycopg.Connection[Any], way: Callable
             said = refused.diag
             found[name] = str(said.message_primary)
             rules[name] = (refused.sqlstate, said.constraint_name, bool(said.table_name and said.column_name))
-    assert wrong(found) == {}
+    assert wrong(found, in_sql=True) == {}
     assert rules == {name: (one.sqlstate, one.constraint, True) for name, one in asked.items()}
 
 

@@ -17,7 +17,6 @@ from conflictdb.arrays.pieces import PieceRows
 from conflictdb.core.pieces.covers import COVER, pieces_of
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.errors import InvalidInput
 from conflictdb.exchange.volumes_writing import in_steps
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel import KernelScene
@@ -375,31 +374,6 @@ def test_a_later_plan_has_later_windows() -> None:
         assert bool(solve([moved], [berth], Scene("s"))) == is_inside
     (move,) = resolve([later(plan, round(1e6 * forbidden.from_s + 2e6))], [berth], Scene("s"), within_s=7200.0).moves
     assert move.delay_s > 0.0
-
-
-@pytest.mark.parametrize(
-    ("tolerances", "field", "rule"),
-    [
-        ({"xtd": 5}, "tolerances.xtd", "is not known"),
-        ({"xtd_port_m": -1}, "xtd_port_m", "0 or more"),
-        ({"xtd_port_m": 400 * 1852}, "xtd_port_m", "in metres read as nautical miles"),
-        ({"xtd_port_m": [1, 2, 3]}, "xtd_port_m", "one per leg: 2; got 3"),
-        ({"xtd_starboard_m": [1, float("nan")]}, "xtd_starboard_m[1]", "finite"),
-        ({"min_speed_kn": 5, "max_speed_kn": 4}, "min_speed_kn", "must not be greater than max_speed_kn"),
-        ({"min_speed_kn": 0}, "min_speed_kn", "without an arrival_window"),
-        ({"max_speed_kn": 0}, "max_speed_kn", "greater than 0"),
-        ({"departure_window": ["2026-03-01T00:10Z", "2026-03-01T00:20Z"]}, "departure_window", "must contain"),
-        ({"departure_window": ["2026-03-01T00:10Z"]}, "departure_window", "earliest, latest"),
-        ({"arrival_window": ["soon", "later"]}, "arrival_window[0]", "ISO 8601"),
-        ({"turn_radius_m": [1, 2]}, "turn_radius_m", "one per turn: 1; got 2"),
-    ],
-)
-def test_wrong_tolerances_are_refused(tolerances: Any, field: str, rule: str) -> None:
-    way, times = np.array([[4.0, 57.0], [4.5, 57.1], [5.0, 57.0]]), T0_US + np.array([0, 3_600_000_000, 7_200_000_000])
-    with pytest.raises(InvalidInput) as caught:
-        Track("T", way, times, SHIP, tolerances=tolerances)
-    assert caught.value.field == field
-    assert rule in caught.value.rule
 
 
 def test_the_scene_of_the_page_has_the_conflict_that_it_names() -> None:
