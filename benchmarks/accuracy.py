@@ -2,7 +2,7 @@
 
     ./.venv/bin/python benchmarks/accuracy.py [--document docs/explanation/accuracy.md] [--figure FILE.svg]
 
-Workloads at low and at high latitudes and of long legs (tests/support/workloads.py), on the sphere and on WGS84, by
+Workloads at low and at high latitudes and of long legs (tests/support/layouts.py), on the sphere and on WGS84, by
 every method at tolerances of 1000, 10, 1 and 0 m. On the sphere also the paper's formulas of stage 3 as printed
 (benchmarks/published.py), on whole legs as in the paper.
 
@@ -37,11 +37,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 import numpy as np
 import oracle
+from layouts import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
+from mixed_scenes import plain_scene
 from numpy.typing import NDArray
 from published import published_windows, whole_legs
 from tables import markdown, show
 from verdicts import ROUNDING_S, TOUCH_M, Reported, compare
-from workloads import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict
 from conflictdb.arrays.answers import Conflicts
@@ -132,7 +133,7 @@ class Scenes:
     @classmethod
     def of(cls, workload: Workload, earth: EarthModel, scenes: int, objects: int) -> "Scenes":
         """Return random scenes, each of as many areas as tracks."""
-        found = [throw(workload, seed, objects, objects, earth) for seed in range(scenes)]
+        found = [plain_scene(workload, seed, objects, objects, earth) for seed in range(scenes)]
         return cls(replace(found[0][0], tolerance_m=0.0), [(areas, tracks) for _, areas, tracks in found])
 
     @cached_property

@@ -18,8 +18,9 @@ from statistics import median
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
+from layouts import LOW_LATITUDE
 from measured import detect, medians
-from workloads import LOW_LATITUDE, throw
+from mixed_scenes import plain_scene
 
 import conflictdb
 from conflictdb import Method, store
@@ -56,7 +57,7 @@ def main() -> None:
     with conflictdb.connect(args.dsn) as db:
         for n in args.objects:
             workload = replace(LOW_LATITUDE, window=DEGREES_PER_ROOT * n**0.5, latitudes=(0.0, 5.0))
-            scene, areas, tracks = throw(workload, 1, n, n)
+            scene, areas, tracks = plain_scene(workload, 1, n, n)
             scene = replace(scene, name=f"advice {n}")
             store.replace_scene(db.connection, scene, areas, tracks, merge=False)
             compare(db, scene, areas, tracks, args.repeat)

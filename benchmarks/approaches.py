@@ -21,8 +21,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
+from layouts import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload
+from mixed_scenes import plain_scene
 from numpy.typing import NDArray
-from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
@@ -62,7 +63,7 @@ class Load:
         """Return the candidates of some scenes, side by side."""
         parts, firsts, seconds, groups, count, number = [], [], [], [], 0, 0
         for seed in range(scenes):
-            scene, areas, tracks = throw(workload, seed, objects, objects, earth)
+            scene, areas, tracks = plain_scene(workload, seed, objects, objects, earth)
             scene = replace(scene, nearest_m=nearest_m)
             setup = Setup.of(scene)
             pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))

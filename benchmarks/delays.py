@@ -21,8 +21,9 @@ from unittest.mock import patch
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
+from layouts import GROWING, GROWING_CIRCLES, OCEAN, Workload
 from made_scenes import SEA, Kind, box, sea
-from workloads import GROWING, GROWING_CIRCLES, OCEAN, Workload, throw
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, Scene, Track, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -77,7 +78,7 @@ def _ends() -> Iterator[tuple[str, Callable[[], Made]]]:
     part = replace(SEA, window=0.12 * 2000**0.5)
     for separation_m, tolerance_m in ((0.0, 0.0), (0.0, 1.0), (500.0, 1.0), (NMI, 1.0)):
         how = {"separation_m": separation_m, "tolerance_m": tolerance_m}
-        yield f"sea, {_named(**how)}", lambda how=how: throw(part, 0, 1000, 1000, **how)
+        yield f"sea, {_named(**how)}", lambda how=how: plain_scene(part, 0, 1000, 1000, **how)
     yield "300 aircraft, points, 5 nmi", _aircraft
     workloads: tuple[Workload, ...] = (replace(OCEAN, around_haven=(20.0, 40.0)), GROWING, GROWING_CIRCLES)
     for separation_m, tolerance_m in ((0.0, 0.0), (0.0, 1.0), (5.0 * NMI, 1.0)):
@@ -86,7 +87,7 @@ def _ends() -> Iterator[tuple[str, Callable[[], Made]]]:
         for workload in workloads:
             yield (
                 f"{workload.name}, {_named(**how)}",
-                lambda workload=workload, how=how: throw(workload, 0, 40, 60, **how),
+                lambda workload=workload, how=how: plain_scene(workload, 0, 40, 60, **how),
             )
 
 

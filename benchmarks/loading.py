@@ -30,8 +30,8 @@ from typing import Any, Final
 
 from made_scenes import AT_ONCE, DEGREES_PER_ROOT, SEA, Kind
 from measured import fresh_database, in_fresh_process, peak_mb, server_pid, versions, write_csv
+from mixed_scenes import plain_scene
 from tables import markdown, show
-from workloads import throw
 
 import conflictdb
 from conflictdb import Area, Scene, Track
@@ -62,7 +62,7 @@ def made_file(objects: int, folder: Path) -> Path:
     tracks: list[Track] = []
     sea = replace(SEA, window=DEGREES_PER_ROOT * objects**0.5, legs=LEGS)
     for first in range(0, objects, AT_ONCE):
-        _, standing, moving = throw(sea, SEED + first, *Kind.MIXED.split(min(AT_ONCE, objects - first)))
+        _, standing, moving = plain_scene(sea, SEED + first, *Kind.MIXED.split(min(AT_ONCE, objects - first)))
         areas += [replace(area, key=f"{first}-{area.key}") for area in standing]
         tracks += [replace(track, key=f"{first}-{track.key}") for track in moving]
     with path.open("w") as file:

@@ -18,7 +18,8 @@ from typing import Final
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from workloads import LOW_LATITUDE, throw
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, Scene, Track
 
@@ -66,7 +67,7 @@ Objects = tuple[list[Area], list[Track]]
 
 def box(kind: Kind, objects: int, seed: int) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene of the paper's random workload."""
-    scene, areas, tracks = throw(BOX, seed, *kind.split(objects))
+    scene, areas, tracks = plain_scene(BOX, seed, *kind.split(objects))
     return scene, [replace(area, start_us=None, end_us=None) for area in areas], tracks
 
 
@@ -75,7 +76,7 @@ def sea(objects: int, seed: int) -> Iterator[Objects]:
     window = DEGREES_PER_ROOT * objects**0.5
     for first in range(0, objects, AT_ONCE):
         areas, tracks = Kind.MIXED.split(min(AT_ONCE, objects - first))
-        _, standing, moving = throw(replace(SEA, window=window), seed + first, areas, tracks)
+        _, standing, moving = plain_scene(replace(SEA, window=window), seed + first, areas, tracks)
         yield (
             [replace(area, key=f"{first}-{area.key}") for area in standing],
             [replace(track, key=f"{first}-{track.key}") for track in moving],

@@ -40,10 +40,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 import numpy as np
 import oracle
 import shapely
+from layouts import convex_around
 from numpy.typing import NDArray
 from scenes import T0_US
 from tables import markdown, show
-from workloads import convex_around
 
 from conflictdb import Area, Scene, Track, kernel, rectangle_outline_m
 from conflictdb.arrays import Floats

@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import shapely
+from layouts import METRES_PER_DEGREE, NMI
 from made_scenes import DEGREES_PER_ROOT, SEA
 from numpy.typing import NDArray
 from scenes import T0_US
-from workloads import METRES_PER_DEGREE, NMI
 
 from conflictdb.arrays.arrow.columns import of_lists, of_numbers
 from conflictdb.arrays.arrow.forms import INSTANT

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 from conflict_scenes import KINDS, Flights, generated, published, voltage
 from made_scenes import BOX, SEA
-from workloads import throw
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, Proposal, Scene, Track, solve
 from conflictdb.memory import resolve as clearing
@@ -37,13 +37,13 @@ T0_US = 1_780_000_000_000_000
 def sea(areas: int, tracks: int) -> Objects:
     """Return a sea of constant density; areas without a start or end are left out, since no delay clears them."""
     workload = replace(SEA, window=0.12 * (areas + tracks) ** 0.5, start_h=(0.0, 3.0))
-    scene, standing, moving = throw(workload, 1, areas, tracks)
+    scene, standing, moving = plain_scene(workload, 1, areas, tracks)
     return scene, [one for one in standing if one.start_us and one.end_us], moving
 
 
 def box(tracks: int) -> Objects:
     """Return the paper's box, tracks alone."""
-    return throw(replace(BOX, side_haven=None, around_haven=(60.0, 120.0)), 0, 0, tracks)
+    return plain_scene(replace(BOX, side_haven=None, around_haven=(60.0, 120.0)), 0, 0, tracks)
 
 
 def ring(count: int, spread_s: float = 0.0) -> Objects:

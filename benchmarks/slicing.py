@@ -16,7 +16,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
+from layouts import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE
+from mixed_scenes import plain_scene
 
 import conflictdb
 from conflictdb.core.pieces import cutting
@@ -45,7 +46,7 @@ def main() -> None:
     args = parser.parse_args()
     chosen = cutting.WHOLE_LEG_HAVENS
     for workload in (SPARSE, LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR):
-        scene, areas, tracks = throw(workload, 1, args.areas, args.tracks)
+        scene, areas, tracks = plain_scene(workload, 1, args.areas, args.tracks)
         print(f"\n{workload.name}: {len(areas)} areas, {len(tracks)} tracks; seconds")
         heads = ("leg, havens", "pieces", "boxes", "hulls", "solved", "pieces s", "1-2 s", "3-4 s", "all s")
         print(" ".join(f"{head:>{width}}" for head, width in zip(heads, WIDTHS, strict=True)))

@@ -21,8 +21,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import numpy as np
+from layouts import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
+from mixed_scenes import plain_scene
 from numpy.typing import NDArray
-from workloads import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
@@ -95,7 +96,7 @@ def load(workload: Workload, scenes: int, areas: int, tracks: int, *, equatorial
     scene = Scene("stage 4", earth=EarthModel.WGS84, tolerance_m=0.0)
     thrown_from = workload if areas else replace(workload, odd_share=0.0)
     for seed in range(scenes):
-        _, standing, moving = throw(thrown_from, seed, areas, tracks, EarthModel.WGS84)
+        _, standing, moving = plain_scene(thrown_from, seed, areas, tracks, EarthModel.WGS84)
         if equatorial:
             moving = [along_the_equator(track) for track in moving]
         pieces = pieces_of(Setup.of(scene), AreaBatch.of(standing), TrackBatch.of(moving))

@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 from accuracy import Scenes
+from layouts import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 from tables import markdown, show
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces

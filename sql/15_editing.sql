@@ -317,11 +317,12 @@ BEGIN
                                ST_NPoints(p_waypoints), cardinality(p_times)), 'path_time_per_waypoint');
     END IF;
     SELECT min(t.n) - 1 INTO v_lost FROM unnest(p_times) WITH ORDINALITY t (at, n)
-        WHERE isfinite(t.at) AND to_timestamp(extract(epoch FROM t.at)::double precision) <> t.at;
+        WHERE isfinite(t.at)
+          AND round(extract(epoch FROM t.at)::double precision * 1e6)::bigint <> extract(epoch FROM t.at) * 1000000;
     IF v_lost IS NOT NULL THEN
         FOUND := _raise('ZC003', p_who, format('times[%s]', v_lost),
                         'cannot be kept to the microsecond: '
-                        'before October 1697 and after March 2242 it must be a whole second',
+                        'before November 1833 and after February 2106 it must be a whole second',
                         'path_time_kept', 'M is Unix seconds in double precision.');
     END IF;
     RETURN (SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(ST_X(d.geom), ST_Y(d.geom),

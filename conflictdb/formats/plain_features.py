@@ -155,6 +155,8 @@ def _readers(kind: str, names: frozenset[str]) -> dict[str, tuple[str, Callable[
     return found
 
 
+# Members that may be lists, of one value for each leg.
+_PER_LEG: Final = frozenset({"floor_m", "ceiling_m"})
 _AREA_READERS: Final = _readers(AREA, AREA_MEMBERS)
 _TRACK_READERS: Final = _readers(TRACK, TRACK_MEMBERS)
 
@@ -212,7 +214,7 @@ def _read(plain: _PlainFeature, properties: Mapping[str, Any], is_track: bool, s
                 is_suspect = True
         elif value is not None:
             reader = readers[name]
-            if reader is None or type(value) is list:
+            if reader is None or (type(value) is list and name in _PER_LEG):
                 own[name] = value
             else:
                 members[reader[0]] = reader[1](value)

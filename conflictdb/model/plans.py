@@ -274,6 +274,8 @@ class Track:
         refusals.raise_found()
         way, clock = (np.array([0, len(one)]) for one in (self.positions_deg, self.times_us))
         course = plan_rules.courses(self.positions_deg, way, self.times_us, clock)
+        if min(way[1], clock[1]) < 2:
+            course.raise_for(0, who)  # there are no legs to check other fields by
         outline = plan_rules.outlines(self.outline_m, np.array([0, len(self.outline_m)]), lambda _: "outline_m")
         self.check_rare(refusals, course, outline, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn))
         refusals.raise_found()

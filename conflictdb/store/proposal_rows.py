@@ -34,9 +34,8 @@ def put_proposal(
     for row in rows["moves"]:
         times_us = changed[row["key"]].times_us
         if (np.rint(times_us / 1e6 * 1e6).astype(np.int64) != times_us).any():
-            rule = (
-                "cannot be kept to the microsecond: before October 1697 and after March 2242 it must be whole seconds"
-            )
+            rule = "cannot be kept to the microsecond: before November 1833 and after February 2106 it must be "
+            rule += "whole seconds"
             raise InvalidInput(f"track {row['key']!r}", "times", rule)
         row["times_us"] = times_us.tolist()
     given = (proposal.goal.value, proposal.objective_s, proposal.bound_s, proposal.is_least)

@@ -392,7 +392,7 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
         raise InvalidInput(
             f"track {tracks[i].key!r}",
             f"times[{lost[0] - batch.waypoint_offset[i]}]",
-            "cannot be kept to the microsecond: before October 1697 and after March 2242 it must be a whole second "
+            "cannot be kept to the microsecond: before November 1833 and after February 2106 it must be a whole second "
             "(give `times`, not a speed)",
         )
     outline, ring = copy_binary.closed_rings(batch.outline_m, batch.outline_offset)

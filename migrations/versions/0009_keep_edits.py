@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f334ba8fda0740f989ddfb1657c90fe98bdd2daf6cd7995018db7c230b25ce82"
+routines_sha256 = "20318985e3f0aaf4faa27071f0d85f22e8782e49eaf948700641d822d548879a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

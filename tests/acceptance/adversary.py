@@ -26,12 +26,13 @@ if __name__ == "__main__":
 import numpy as np
 import oracle
 import shapely
+from layouts import WORKLOADS
+from mixed_scenes import plain_scene
 from mpmath import mp, mpf
 from precise import refine, separation
 from scene_file import write_scene
 from verdicts import Comparison, Pair, Reported, care_of, compared, solved
 from wild import throw_wild
-from workloads import WORKLOADS, throw
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
@@ -149,7 +150,7 @@ def random_scene(rng: np.random.Generator, method: Method) -> tuple[Scene, list[
     else:
         earth = list(EarthModel)[rng.integers(2)]
         small = 0.01 if workload.window < 0.1 else 1.0
-        scene, areas, tracks = throw(workload, seed, OBJECTS, OBJECTS, earth, tolerance_m, separation_m * small)
+        scene, areas, tracks = plain_scene(workload, seed, OBJECTS, OBJECTS, earth, tolerance_m, separation_m * small)
     return replace(scene, method=method), [*areas, *tracks]
 
 

@@ -17,9 +17,10 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support"), str(Path(__file__).resolve().parents[2])]
 
 import numpy as np
+from layouts import WORKLOADS, Workload
+from mixed_scenes import plain_scene
 from sampling import Sampled, sampled
 from staged import Staged
-from workloads import WORKLOADS, Workload, throw
 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import PairRows, Pairs
@@ -76,7 +77,7 @@ def check(workload: Workload, seed: int, objects: int) -> Count:
 def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, Pairs, Contacts]:
     """A scene, its pieces, its candidate pairs with a track, and their contacts."""
     earth, tolerance_m = list(EarthModel)[seed % 2], TOLERANCES_M[seed // 2 % len(TOLERANCES_M)]
-    scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m)
+    scene, areas, tracks = plain_scene(workload, seed, objects, objects, earth, tolerance_m)
     staged = Staged.of(scene, areas, tracks)
     staged = replace(staged, pairs=_moving(staged.pieces, staged.pairs))
     return scene, staged.pieces, staged.pairs, staged.contacts()[0]

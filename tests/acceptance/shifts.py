@@ -14,8 +14,8 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support"), str(Path(__file__).resolve().parents[2])]
 
+from layouts import WORKLOADS
 from test_delays import checked
-from workloads import WORKLOADS
 
 
 def main() -> int:

@@ -15,9 +15,10 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support"), str(Path(__file__).resolve().parents[2])]
 
+from layouts import WORKLOADS, Workload
+from mixed_scenes import plain_scene
 from verdicts import Comparison, compared, solved
 from wild import throw_wild
-from workloads import WORKLOADS, Workload, throw
 
 from conflictdb.model.plans import EarthModel
 
@@ -37,7 +38,7 @@ def check(
     if isinstance(workload, str):
         scene, areas, tracks = throw_wild(seed, objects, WILD[workload])
     else:
-        scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m, separation_m)
+        scene, areas, tracks = plain_scene(workload, seed, objects, objects, earth, tolerance_m, separation_m)
     return compared(scene, areas, tracks, solved(scene, areas, tracks))
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 from commands import Run
+from layouts import LONG_LEGS, SEAM, SOUTH, Workload
+from mixed_scenes import plain_scene
 from scene_file import write_scene
 from verdicts import Period, Reported, compared, microseconds
-from workloads import LONG_LEGS, SEAM, SOUTH, Workload, throw
 
 from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Verdict
@@ -26,7 +27,7 @@ def test_printed_conflicts_are_those_of_the_oracle(
     run: Run, tmp_path: Path, workload: Workload, seed: int, earth: EarthModel
 ) -> None:
     """The programs of test_documents and test_ends_cleanly start as users start them; this is called."""
-    scene, areas, tracks = throw(workload, seed, 10, 8, earth)
+    scene, areas, tracks = plain_scene(workload, seed, 10, 8, earth)
     path = write_scene(tmp_path / "scene.geojson", scene, areas, tracks)
     done = run("detect", path, "--format", "json", "--jobs", "1")
     assert done.code == 0, done.err

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from own_server import OwnServer, own_server
 from patience import WAIT_S, killed_after
 from verdicts import Pair, Reported, by_pair, solved
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import delays, store
 from conflictdb.jobs.detect import detect
@@ -83,7 +84,7 @@ PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at f
 @pytest.fixture(scope="module")
 def changed() -> tuple[Scene, list[Area], list[Track], list[Area], list[Track]]:
     """A scene, and the same after a third of it was replaced by something else."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 2, 8, 8)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 2, 8, 8)
     scene = replace(scene, delays_within_s=WITHIN_S)
     aside = np.array([0.3, 0.2])
     moved = [Track(t.key, t.positions_deg + aside, t.times_us + 3_600_000_000, t.outline_m) for t in tracks[:3]]

@@ -10,19 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from layouts import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, WORKLOADS, Workload
+from mixed_scenes import plain_scene
 from shifting import is_forbidden, meets_when_shifted, shifted, shifts_of
-from workloads import (
-    GROWING,
-    GROWING_CIRCLES,
-    HARBOUR,
-    HIGH_LATITUDE,
-    LOW_LATITUDE,
-    OCEAN,
-    SEAM,
-    WORKLOADS,
-    Workload,
-    throw,
-)
 
 from conflictdb import Area, Delays, Scene, Track, delays, solve
 
@@ -32,7 +22,7 @@ Objects = tuple[Scene, list[Area], list[Track]]
 def some_scene(workload: Workload, seed: int, rng: np.random.Generator) -> Objects:
     """A scene with a tolerance and a separation of several sizes."""
     tolerance_m, separation_m = float(rng.choice([0, 1, 100])), float(rng.choice([0, 0, 500, 1852, 9260]))
-    return throw(workload, seed, 10, 20, tolerance_m=tolerance_m, separation_m=separation_m)
+    return plain_scene(workload, seed, 10, 20, tolerance_m=tolerance_m, separation_m=separation_m)
 
 
 def waiting_first(track: Track, waits_us: int) -> Track:
@@ -128,7 +118,7 @@ def _overlap(one: Delays, other: Delays) -> bool:
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, OCEAN], ids=lambda workload: workload.name)
 def test_a_larger_distance_or_one_more_object_forbids_no_less(workload: Workload) -> None:
     """Up to the errors of ends."""
-    scene, areas, tracks = throw(workload, 5, 10, 12)
+    scene, areas, tracks = plain_scene(workload, 5, 10, 12)
     last = tracks[-1].key
     before = {one.key: one for one in delays(tracks[:-1], areas, scene)}
     for more in (
@@ -160,7 +150,7 @@ def test_a_larger_distance_or_one_more_object_forbids_no_less(workload: Workload
 )
 def test_ends_are_sharp(workload: Workload, separation_m: float, median_s: float, most_s: float) -> None:
     """Also where contact sets are bent, or have several parts, as havens change their shape."""
-    scene, areas, tracks = throw(workload, 0, 20, 30, tolerance_m=1.0, separation_m=separation_m)
+    scene, areas, tracks = plain_scene(workload, 0, 20, 30, tolerance_m=1.0, separation_m=separation_m)
     found = [each for one in delays(tracks, areas, scene, within_s=40_000.0) for each in one.forbidden]
     errors_s = [error_s for each in found if each.is_proven for error_s in (each.from_error_s, each.to_error_s)]
     assert np.mean([each.is_proven for each in found]) > 0.9
@@ -173,7 +163,7 @@ def test_delays_of_growing_havens_are_proven_and_sharp(workload: Workload) -> No
     """If a pair of pieces leaves an end uncertain, other pieces prove the rest."""
     count = 0
     for seed in range(10):
-        scene, areas, tracks = throw(workload, seed, 15, 20, tolerance_m=0.0, separation_m=500.0 * (seed % 2))
+        scene, areas, tracks = plain_scene(workload, seed, 15, 20, tolerance_m=0.0, separation_m=500.0 * (seed % 2))
         for one in delays(tracks, areas, scene, within_s=864_000.0):
             assert all(each.is_proven for each in one.forbidden)
             assert all(max(each.from_error_s, each.to_error_s) <= 2.0 for each in one.forbidden)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import dense
 import numpy as np
 import pytest
+from layouts import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, WORKLOADS, Workload
 from sampling import KINDS, placed, sampled
-from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, WORKLOADS, Workload
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts

@@ -6,8 +6,9 @@ import numpy as np
 import oracle
 import pytest
 import shapely
+from layouts import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
+from mixed_scenes import plain_scene
 from verdicts import Pair, Reported, compare, solved
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import solve
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
@@ -45,7 +46,7 @@ def edge_of_contact(scene: Scene, other: Area | Track, track: Track) -> float | 
 
 def grazing_problems(workload: Workload, seed: int, earth: EarthModel, most: int) -> tuple[list[str], int]:
     """Disagreements with the oracle, and the number of pairs compared."""
-    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    scene, areas, tracks = plain_scene(workload, seed, 8, 8, earth)
     objects: dict[str, Area | Track] = {thing.key: thing for thing in (*areas, *tracks)}
     pairs = [
         pair
@@ -102,7 +103,7 @@ def test_pairs_at_the_edge_of_contact_sweep(workload: Workload, earth: EarthMode
 
 def test_micrometres_apart_for_an_hour_is_grazing() -> None:
     """Edges that are nearly parallel stay ten micrometres apart for long: decided by depth, not left unresolved."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 70, 8, 8, EarthModel.WGS84)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 70, 8, 8, EarthModel.WGS84)
     (zone,) = (area for area in areas if area.key == "A3")
     (other,) = (track for track in tracks if track.key == "T7")
     edge_deg = 0.37986166457839093  # from edge_of_contact

@@ -7,7 +7,8 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from workloads import EQUATOR, OCEAN, SEAM, throw
+from layouts import EQUATOR, OCEAN, SEAM
+from mixed_scenes import plain_scene
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
@@ -98,7 +99,7 @@ def test_history_does_not_matter(
 ) -> None:
     """After any edits a detection of what changed says the same, to the last digit, as one of everything."""
     rng = np.random.default_rng(seed)
-    scene, areas, tracks = throw(workload, seed, 9, 9, earth)
+    scene, areas, tracks = plain_scene(workload, seed, 9, 9, earth)
     scene = replace(scene, nearest_m=NEAR_M, time_separation_s=time_s)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
@@ -115,7 +116,7 @@ def test_history_does_not_matter(
 
 def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
     """A larger separation, another earth: the next detection notices, and gives the answer of a fresh scene."""
-    scene, areas, tracks = throw(EQUATOR, 2, 4, 5)
+    scene, areas, tracks = plain_scene(EQUATOR, 2, 4, 5)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     for settings in (
@@ -147,7 +148,7 @@ def test_settings_change_where_areas_meet(conn: psycopg.Connection[Any]) -> None
 
 
 def test_number_of_threads_does_not_matter(conn: psycopg.Connection[Any]) -> None:
-    scene, areas, tracks = throw(EQUATOR, 2, 8, 8)
+    scene, areas, tracks = plain_scene(EQUATOR, 2, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     alone = answer(conn, scene)

@@ -13,9 +13,10 @@ import numpy as np
 import oracle
 import psycopg
 import pytest
+from layouts import WORKLOADS
+from mixed_scenes import plain_scene
 from staged import Staged
 from verdicts import Pair, Period, Reported, by_pair, compared, microseconds, solved
-from workloads import WORKLOADS, throw
 
 from conflictdb import store
 from conflictdb.core.published.stage3_projection import windows
@@ -37,7 +38,7 @@ cases = pytest.mark.parametrize(("workload", "seed", "earth"), CASES)
 
 @cache
 def thrown(workload: str, seed: int, earth: EarthModel) -> tuple[Scene, list[Area], list[Track]]:
-    return throw(next(w for w in WORKLOADS if w.name == workload), seed, OBJECTS, OBJECTS, earth)
+    return plain_scene(next(w for w in WORKLOADS if w.name == workload), seed, OBJECTS, OBJECTS, earth)
 
 
 @cache

@@ -16,11 +16,12 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from layouts import WORKLOADS
+from mixed_scenes import plain_scene
 from oracle_motion import Globe
 from scenes import T0_US
 from verdicts import periods_us
 from wild import throw_wild
-from workloads import WORKLOADS, throw
 
 from conflictdb import solve
 from conflictdb.errors import InvalidInput
@@ -85,7 +86,7 @@ def thrown(draw: st.DrawFn, ordinary: bool) -> Thrown:
         return Thrown(*throw_wild(seed, OBJECTS))
     if workload.window < 0.1:
         separation_m /= 100.0
-    return Thrown(*throw(workload, seed, OBJECTS, OBJECTS, earth, tolerance_m, separation_m))
+    return Thrown(*plain_scene(workload, seed, OBJECTS, OBJECTS, earth, tolerance_m, separation_m))
 
 
 # Changes of a scene: each returns the changed scene, and a function that turns its answer back.
@@ -224,7 +225,7 @@ def split_areas(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 def add_far_objects(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
     """Objects at other times, at other heights and in other places: conflicts of the first objects stay the same."""
     seed = data.draw(st.integers(0, 10**6), "seed of what is far")
-    _, areas, tracks = throw(data.draw(st.sampled_from(WORKLOADS), "workload of what is far"), seed, 3, 3)
+    _, areas, tracks = plain_scene(data.draw(st.sampled_from(WORKLOADS), "workload of what is far"), seed, 3, 3)
     century = 3_155_760_000_000_000
     areas = [replace(one, key=f"Z{one.key}", start_us=T0_US - century, end_us=T0_US - century + 10) for one in areas]
     later = [replace(one, key=f"Z{one.key}", times_us=one.times_us + 5 * century) for one in tracks]
@@ -435,7 +436,7 @@ def test_same_answer_sweep(change: Change, method: Method) -> None:
 
 def test_a_difference_is_seen() -> None:
     """The comparison itself: a verdict, a pair, an end, a period and a place that are not the same."""
-    before = Thrown(*throw(WORKLOADS[0], 2, OBJECTS, OBJECTS))
+    before = Thrown(*plain_scene(WORKLOADS[0], 2, OBJECTS, OBJECTS))
     one = before.answer()
     pair = next(p for p, found in one.items() if found.verdict is Verdict.CONFLICT and found.periods_us[0][0])
     found = one[pair]

@@ -8,9 +8,10 @@ import oracle
 import oracle_circle
 import pytest
 import shapely
+from layouts import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from numpy.typing import NDArray
 from staged import Staged
-from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
@@ -64,7 +65,7 @@ def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
 def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
     """At instants of the periods, regions contain the polygons' intersection; they are valid, within +-180 degrees."""
-    scene, areas, tracks = throw(replace(workload, window=1.5), 3, 8, 10, earth, tolerance_m=0.0)
+    scene, areas, tracks = plain_scene(replace(workload, window=1.5), 3, 8, 10, earth, tolerance_m=0.0)
     answer, plane = found(replace(scene, method=method), areas, tracks), Setup.of(scene).plane
     where = regions_of(answer)
     assert len(answer) > 2
@@ -102,7 +103,7 @@ def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, 
 )
 def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload) -> None:
     """Also across the seam; next to a pole there is none. The oracle uses a plane of its own, about the region."""
-    scene, areas, tracks = throw(replace(workload, window=6.0), 5, 12, 16, tolerance_m=0.0)
+    scene, areas, tracks = plain_scene(replace(workload, window=6.0), 5, 12, 16, tolerance_m=0.0)
     answer = found(scene, areas, tracks)
     where = regions_of(answer)
     checked, cut = 0, 0
@@ -146,7 +147,7 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda workload: workload.name)
 def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: Workload) -> None:
     """The region of two areas is little more than their intersection, that of a haven no more than what is screened."""
-    scene, areas, tracks = throw(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
+    scene, areas, tracks = plain_scene(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
     answer, screened = found(scene, areas, tracks), found(replace(scene, method=Method.SCREEN), areas, tracks)
     where = regions_of(answer)
     of_pair = {
@@ -188,7 +189,7 @@ def test_regions_cover_the_first_contact(workload: Workload, pairs: int) -> None
     seen, seed, agreed = 0, 0, 0
     while seen < pairs:
         seed += 1
-        scene, areas, tracks = throw(workload, seed, 5, 5, tolerance_m=0.0)
+        scene, areas, tracks = plain_scene(workload, seed, 5, 5, tolerance_m=0.0)
         answer = found(scene, areas, tracks)
         where, place = regions_of(answer), shapely.points(answer.first_contact_deg)
         known = ~shapely.is_missing(where)  # next to a pole the database finds them out
@@ -239,7 +240,7 @@ def test_regions_contain_what_lies_along_a_side_that_bends() -> None:
 
 
 def test_regions_do_not_depend_on_threads() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 4, 20, 40)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 4, 20, 40)
     one, three = found(scene, areas, tracks), found(scene, areas, tracks, jobs=3)
     assert shapely.to_wkb(regions_of(one)).tolist() == shapely.to_wkb(regions_of(three)).tolist()
 

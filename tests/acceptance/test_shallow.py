@@ -8,11 +8,12 @@ import numpy as np
 import oracle
 import pytest
 import shapely
+from layouts import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, METRES_PER_DEGREE, Workload
+from mixed_scenes import plain_scene
 from mpmath import mp, mpf
 from precise import separation
 from test_grazing import edge_of_contact, moved
 from verdicts import CERTIFIED, Reported, compare, solved
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, METRES_PER_DEGREE, Workload, throw
 
 from conflictdb.core.stage4.constants import TOUCH_M
 from conflictdb.model.methods import Method
@@ -166,7 +167,7 @@ EDGES = [
 def test_bounds_of_shallow_contacts_follow_the_speed_at_which_they_begin(
     workload: Workload, seed: int, earth: EarthModel, a: str, b: str, edge_deg: float, tolerance_m: float
 ) -> None:
-    scene, areas, tracks = throw(workload, seed, 5, 5, earth, tolerance_m)
+    scene, areas, tracks = plain_scene(workload, seed, 5, 5, earth, tolerance_m)
     things: dict[str, Area | Track] = {thing.key: thing for thing in (*areas, *tracks)}
     track = things[b]
     assert isinstance(track, Track)
@@ -180,7 +181,7 @@ def test_bounds_of_shallow_contacts_follow_the_speed_at_which_they_begin(
 @pytest.mark.parametrize("seed", range(80, 84))
 def test_shallow_contacts_sweep(workload: Workload, earth: EarthModel, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    scene, areas, tracks = throw(workload, seed, 6, 6, earth, float(rng.choice([0.0, 1.0, 10.0])))
+    scene, areas, tracks = plain_scene(workload, seed, 6, 6, earth, float(rng.choice([0.0, 1.0, 10.0])))
     things: dict[str, Area | Track] = {thing.key: thing for thing in (*areas, *tracks)}
     meetings = oracle.meetings(scene, areas, tracks, 1.0)
     pairs = [pair for pair, meeting in meetings.items() if meeting.touches and pair[1].startswith("T")]

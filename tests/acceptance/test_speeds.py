@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from corners import KEY, corner
+from layouts import GROWING, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, WORKLOADS, Workload
+from mixed_scenes import plain_scene
 from shifting import is_forbidden, meets_when_changed, shifts_of, stretched, waiting
-from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, WORKLOADS, Workload, throw
 
 from conflictdb import Area, Scene, Speeds, Track, delays, solve, speeds
 
@@ -23,7 +24,7 @@ _ROUNDED_S = 2e-6
 def some_scene(workload: Workload, seed: int, rng: np.random.Generator) -> tuple[Scene, list[Area], list[Track]]:
     """A scene with a tolerance and a separation of several sizes."""
     tolerance_m, separation_m = float(rng.choice([0, 1, 100])), float(rng.choice([0, 0, 500, 1852, 9260]))
-    return throw(workload, seed, 10, 20, tolerance_m=tolerance_m, separation_m=separation_m)
+    return plain_scene(workload, seed, 10, 20, tolerance_m=tolerance_m, separation_m=separation_m)
 
 
 def factors_of(found: Speeds, slowest: float, fastest: float, rng: np.random.Generator) -> np.ndarray:

@@ -9,8 +9,9 @@ import psycopg
 import pytest
 import scenes
 import shapely
+from layouts import EQUATOR, HIGH_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 from verdicts import periods_us
-from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import solve, store
 from conflictdb.jobs.detect import detect
@@ -23,7 +24,7 @@ cases = pytest.mark.parametrize(("workload", "seed", "earth"), CASES, ids=[f"{w.
 
 @cases
 def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: EarthModel) -> None:
-    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    scene, areas, tracks = plain_scene(workload, seed, 8, 8, earth)
     objects = {thing.key: thing for thing in (*areas, *tracks)}
     globe = oracle.Globe.of(earth)
     found = [one for one in solve(tracks, areas, scene) if periods_us(one)[0][0] is not None]
@@ -60,7 +61,7 @@ def test_areas_meet_where_they_touch_not_where_parts_of_them_are_near(
 @cases
 def test_haven_at_an_instant(conn: psycopg.Connection[Any], workload: Workload, seed: int, earth: EarthModel) -> None:
     """The SQL function has the vertices that the oracle finds, to a tenth of a millimetre; nothing outside the span."""
-    scene, _, tracks = throw(workload, seed, 0, 8, earth)
+    scene, _, tracks = plain_scene(workload, seed, 0, 8, earth)
     store.replace_scene(conn, scene, [], tracks, merge=False)
     globe = oracle.Globe.of(earth)
     for track in tracks:
@@ -90,7 +91,7 @@ def test_regions_hold_the_places_of_contact(
     conn: psycopg.Connection[Any], workload: Workload, seed: int, earth: EarthModel
 ) -> None:
     """The region of a pair contains its first contact, and lies in the area if the pair has one."""
-    scene, areas, tracks = throw(workload, seed, 8, 8, earth)
+    scene, areas, tracks = plain_scene(workload, seed, 8, 8, earth)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     objects = {thing.key: thing for thing in (*areas, *tracks)}

@@ -23,10 +23,11 @@ from typing import Any
 import psycopg
 import pytest
 import shapely
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from own_server import OwnServer, own_server
 from psycopg.conninfo import make_conninfo
 from verdicts import by_pair, solved
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import store
 from conflictdb.errors import ConflictDBError
@@ -126,7 +127,7 @@ class Site:
 @contextmanager
 def at_work(server: OwnServer, log: Path) -> Iterator[Site]:
     """Two workers, and a scene that they have detected."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 2, 16, 16)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 2, 16, 16)
     rng = random.Random(7)  # noqa: S311
     site = Site(server, log, rng, replace(scene, name="s"), {area.key: area for area in areas}, tracks)
     with store.connect(server.dsn) as conn:

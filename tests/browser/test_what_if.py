@@ -10,10 +10,11 @@ import numpy as np
 import psycopg
 import pytest
 from browsing import Open, rows, wait_until
+from layouts import HARBOUR
 from map_page import Serve
+from mixed_scenes import plain_scene
 from piecework import load
 from playwright.sync_api import Page, Route, expect
-from workloads import HARBOUR, throw
 
 import conflictdb
 from conflictdb.jobs.detect import detect
@@ -332,7 +333,7 @@ def test_a_track_that_follows_within_the_separation_in_time_is_shown(
 @pytest.mark.slow
 def test_the_page_follows_the_pointer_among_300_objects(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     """On a quiet machine."""
-    scene, areas, tracks = throw(HARBOUR, 3, 100, 200)
+    scene, areas, tracks = plain_scene(HARBOUR, 3, 100, 200)
     load(conn, scene, areas, tracks)
     detect(conn, scene.name, jobs=1)
     page = open_page(serve(dsn, scene.name), size=(1440, 900))

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 import pytest
 from havens_of_kernel import haven_deg
+from layouts import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from page_in_node import run_page
-from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, OCEAN, SEAM, Workload, throw
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.core.pieces.cutting import track_pieces
@@ -64,7 +65,7 @@ def _headings(scene: Scene, tracks: list[Track]) -> tuple[list[str], list[np.nda
 )
 def test_havens_of_the_page_are_those_of_the_kernel(tmp_path: Path, workload: Workload, earth: EarthModel) -> None:
     """Within a millimetre: instants are numbers of seconds there, which are rounded to a quarter of a microsecond."""
-    scene, _, tracks = throw(workload, 21, 0, 12, earth)
+    scene, _, tracks = plain_scene(workload, 21, 0, 12, earth)
     instants = [np.linspace(one.times_us[0], one.times_us[-1], 9, dtype=np.int64)[1:-1].tolist() for one in tracks]
     asked = [as_asked(one, scene, at) for one, at in zip(tracks, instants, strict=True)]
     answers = run_page(tmp_path, DRIVER, asked)

@@ -8,20 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
+from layouts import EQUATOR, GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from page_in_node import HORIZON_US, answers_of_page
 from ruled import CLASSES, random_rules
-from workloads import (
-    EQUATOR,
-    GROWING,
-    GROWING_CIRCLES,
-    HARBOUR,
-    HIGH_LATITUDE,
-    LOW_LATITUDE,
-    OCEAN,
-    SEAM,
-    Workload,
-    throw,
-)
 
 import conflictdb
 from conflictdb.map import what_if
@@ -59,7 +49,7 @@ def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_u
 
 
 def scenes_of(workload: Workload, seed: int) -> tuple[Scene, list[Area], list[Track]]:
-    return throw(workload, seed, 8, 12, separation_m=[0.0, 500.0][seed % 2])
+    return plain_scene(workload, seed, 8, 12, separation_m=[0.0, 500.0][seed % 2])
 
 
 def unlike(page: dict[str, Any], copy: Conflict, base_us: int) -> list[str]:
@@ -149,7 +139,7 @@ def test_owners_heights_and_closed_intervals_count_as_in_a_detection(tmp_path: P
     """Objects of one owner are not compared, those without an owner are; spans end while tracks are there."""
     rng, plans = np.random.default_rng(3), []
     for seed, workload in enumerate((LOW_LATITUDE, SEAM)):
-        scene, areas, tracks = throw(workload, 50 + seed, 8, 10)
+        scene, areas, tracks = plain_scene(workload, 50 + seed, 8, 10)
         first_us, last_us = int(tracks[0].times_us[0]), int(tracks[0].times_us[-1])
         spans = [{"start_us": first_us, "end_us": None}, {"start_us": None, "end_us": last_us}, {}]
         owned: list[Area | Track] = []

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from sources import SOURCES, Open, Opened
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -55,9 +56,9 @@ THROWN: Final[dict[str, Objects]] = {
     "heights": known(scenes.heights(EarthModel.WGS84)),
     "spans": known(scenes.spans(EarthModel.WGS84)),
     "circles over the pole": known(scenes.circles_over_the_pole()),
-    "random": throw(LOW_LATITUDE, 7, 8, 8),
+    "random": plain_scene(LOW_LATITUDE, 7, 8, 8),
     "spans apart in time": within(200.000001, known(scenes.spans(EarthModel.WGS84))),
-    "random apart in time": within(3600.0, throw(LOW_LATITUDE, 7, 8, 8)),
+    "random apart in time": within(3600.0, plain_scene(LOW_LATITUDE, 7, 8, 8)),
     "seam apart in time": within(86_400.0, known(scenes.seam(EarthModel.WGS84))),
 }
 

@@ -10,9 +10,10 @@ import pytest
 import scenes
 import shapely
 from commands import STRAIT
+from layouts import WORKLOADS
+from mixed_scenes import plain_scene
 from piecework import load, refresh
 from sources import few_changes
-from workloads import WORKLOADS, throw
 
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -42,7 +43,7 @@ def _known() -> list[Objects]:
 def _random() -> list[Objects]:
     found = []
     for k, workload in enumerate(WORKLOADS):
-        scene, areas, tracks = throw(workload, 31 + k, 6, 6)
+        scene, areas, tracks = plain_scene(workload, 31 + k, 6, 6)
         settings = {"separation_m": 500.0 * (k % 2), "time_separation_s": 1800.0 * (k % 3)}
         found.append((replace(scene, name=f"random {k}", tolerance_m=0.0, **settings), areas, tracks))
     return found

@@ -9,8 +9,10 @@ import numpy as np
 import psycopg
 import pytest
 from city import CITY, HOUR_US, T0_US, asked, flight, keys, square, worker_connected
-from hypothesis import HealthCheck, given, settings
-from scene_strategies import STORABLE_INSTANT, assert_same, scenes
+from draws import draws
+from full_plans import lost
+from mixed_scenes import odd_scene
+from odd_values import STORABLE
 
 from conflictdb import (
     Area,
@@ -117,24 +119,22 @@ def test_what_detections_have_not_seen_counts(city: StoredScene) -> None:
         assert not city.admit(square("w", lon))
 
 
-@given(scenes(STORABLE_INSTANT, 80.0))
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[*HealthCheck])
-def test_plans_are_admitted_as_they_are(
-    conn: psycopg.Connection[Any], made: tuple[Scene, list[Area], list[Track]]
-) -> None:
+@draws("scenes", 25, 500)
+def test_plans_are_admitted_as_they_are(conn: psycopg.Connection[Any], scenes: int) -> None:
     """Whatever an area or track may be, it is stored as a load stores it."""
-    _, some_areas, some_tracks = made
     for name in ("put", "admitted"):
         store.set_scene(conn, Scene(name))
-    store.replace_scene(conn, Scene("put"), some_areas, some_tracks, merge=False)
-    store.replace_scene(conn, Scene("admitted"), [], [], merge=False)
-    with store.transaction(conn):
-        store.put_plans(conn, "admitted", [], some_areas, some_tracks)
-    (_, *put), (_, *admitted) = (store.read_scene(conn, name) for name in ("put", "admitted"))
-    for one, other in zip(put, admitted, strict=True):
-        assert len(one) == len(other)
-        for known in one:
-            assert_same(known, next(item for item in other if item.key == known.key))
+    for seed in range(scenes):
+        _, some_areas, some_tracks = odd_scene(seed, replace(STORABLE, north_deg=80.0))
+        store.replace_scene(conn, Scene("put"), some_areas, some_tracks, merge=False)
+        store.replace_scene(conn, Scene("admitted"), [], [], merge=False)
+        with store.transaction(conn):
+            store.put_plans(conn, "admitted", [], some_areas, some_tracks)
+        (_, *put), (_, *admitted) = (store.read_scene(conn, name) for name in ("put", "admitted"))
+        for one, other in zip(put, admitted, strict=True):
+            assert len(one) == len(other), seed
+            for known in one:
+                assert lost(known, next(item for item in other if item.key == known.key)) == [], seed
 
 
 @pytest.mark.parametrize("detected", [False, True])

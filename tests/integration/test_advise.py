@@ -9,8 +9,9 @@ import psycopg
 import pytest
 import shapely
 from commands import STRAIT, Run
+from layouts import LONG_LEGS, LOW_LATITUDE
 from made_scenes import sea
-from workloads import LONG_LEGS, LOW_LATITUDE, throw
+from mixed_scenes import plain_scene
 
 import conflictdb
 from conflictdb import Area, EarthModel, InvalidInput, Method, Scene, Track, store
@@ -100,7 +101,7 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
 
 def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
     """150 pairs of 240 objects are drawn: conflicts are within their interval, other counts within a factor of 3."""
-    scene, areas, tracks = throw(replace(LOW_LATITUDE, window=6.0), 4, 120, 120)
+    scene, areas, tracks = plain_scene(replace(LOW_LATITUDE, window=6.0), 4, 120, 120)
     advice = advise(scene, areas, tracks, sample=150, seed=1)
     assert advice.sampled_pairs == 150 < advice.pairs
     with conflictdb.connect(dsn) as db:
@@ -157,7 +158,7 @@ def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
 
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_screen_and_exact_are_compared_at_each_tolerance(earth: EarthModel) -> None:
-    scene, areas, tracks = throw(LONG_LEGS, 2, 14, 14, earth, tolerance_m=50.0)
+    scene, areas, tracks = plain_scene(LONG_LEGS, 2, 14, 14, earth, tolerance_m=50.0)
     advice = advise(scene, areas, tracks, sample=80)
     tolerances = {50.0, *TOLERANCES_M}
     assert {one.setting for one in advice.estimates} == {Trial(method, m) for method in TRIED for m in tolerances}
@@ -171,7 +172,7 @@ def test_screen_and_exact_are_compared_at_each_tolerance(earth: EarthModel) -> N
 
 
 def test_the_same_seed_draws_the_same_sample_whatever_the_order_of_objects() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 3, 10, 10)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 3, 10, 10)
     first = advise(scene, areas, tracks, sample=12, seed=7)
     assert first.sampled_pairs == 12
     assert counts(advise(scene, areas[::-1], tracks[::-1], sample=12, seed=7)) == counts(first)
@@ -204,7 +205,7 @@ def test_boxes_that_meet_without_their_hulls_are_told_apart_by_stage_2() -> None
 
 def test_pairs_that_only_come_near_are_no_conflicts() -> None:
     """`nearest_m` adds pairs without conflict to a detection's results: they are neither reported nor wrong."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 3, 8, 8)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 3, 8, 8)
     plain = advise(scene, areas, tracks)
     near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
     # Also where the scene's own method does not look for them.

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import shapely
 from commands import runner
+from layouts import ARCTIC, LOW_LATITUDE, Workload
+from mixed_scenes import plain_scene
 from psycopg import sql
 from tiles import decode
-from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangle_outline_m, solve, store
 from conflictdb.cli.codes import DONE
@@ -32,7 +33,7 @@ def db(dsn: str) -> Iterator[Database]:
 
 
 def stored(db: Database, seed: int, areas: int, tracks: int, workload: Workload = WORKLOAD) -> StoredScene:
-    settings, *objects = throw(workload, seed, areas, tracks)
+    settings, *objects = plain_scene(workload, seed, areas, tracks)
     store.replace_scene(db.connection, settings, *objects, merge=False)
     scene = db.scene(settings.name)
     scene.detect()
@@ -129,7 +130,7 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
     """After random edits, of the branch and of its parent, a branch answers as a full copy; so does what is merged."""
     rng = np.random.default_rng(7)
     scene = stored(db, 3, 5, 16, workload)
-    _, more_areas, more_tracks = throw(workload, 4, 6, 14)
+    _, more_areas, more_tracks = plain_scene(workload, 4, 6, 14)
     pool = [*more_areas, *more_tracks]
     branch, copy, edited = scene.branch("branch"), scene.copy("copy"), set[str]()
     copy.detect()
@@ -186,7 +187,7 @@ def live(db: Database, seed: int, steps: int, workload: Workload = WORKLOAD) -> 
     """Change a branch, its parent and a copy alike at random, compare them, and return the number of merges."""
     rng = np.random.default_rng(seed)
     scene = stored(db, seed, 5, 12, workload)
-    _, more_areas, more_tracks = throw(workload, seed + 100, 6, 12)
+    _, more_areas, more_tracks = plain_scene(workload, seed + 100, 6, 12)
     pool: list[Area | Track] = [*more_areas, *more_tracks]
     branch, copy, edited, merges = scene.branch("branch 0"), scene.copy("copy"), set[str](), 0
     copy.detect()
@@ -252,7 +253,7 @@ def events(db: Database, scene: StoredScene, since: int) -> list[Any]:
 def test_merged_scene_equals_branch(db: Database, scene: StoredScene) -> None:
     """A merge leaves the scene as the branch was, keeps the numbers of its objects, and removes the branch."""
     rng = np.random.default_rng(5)
-    _, more_areas, more_tracks = throw(WORKLOAD, 4, 6, 14)
+    _, more_areas, more_tracks = plain_scene(WORKLOAD, 4, 6, 14)
     branch = scene.branch("branch")
     ids = dict(ask(db, "SELECT key, track_id FROM conflictdb.track ORDER BY key"))
     for _ in range(12):
@@ -271,7 +272,7 @@ def test_merged_scene_equals_branch(db: Database, scene: StoredScene) -> None:
 @pytest.mark.parametrize("change", ["edited", "removed", "added"])
 def test_merge_refuses_what_changed_on_both_sides(db: Database, scene: StoredScene, change: str) -> None:
     """A merge names the objects that the scene changed too, and changes nothing."""
-    _, _, (new, *_) = throw(WORKLOAD, 4, 6, 14)
+    _, _, (new, *_) = plain_scene(WORKLOAD, 4, 6, 14)
     branch, key = scene.branch("branch"), "BOTH" if change == "added" else "T0"
     branch.put(replace(new, key=key))
     branch.delete_objects("T1")

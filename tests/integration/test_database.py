@@ -14,10 +14,12 @@ import pytest
 import shapely
 import sqlalchemy
 from commands import STRAIT
-from hypothesis import HealthCheck, given, settings
+from draws import draws
+from full_plans import lost
+from mixed_scenes import odd_scene
+from odd_values import STORABLE
 from psycopg.pq import TransactionStatus
 from psycopg.rows import dict_row
-from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
@@ -292,27 +294,22 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
     assert [(one["scene"], one["is_current"]) for one in told["scenes"]] == [("strait", True)]
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.slow)])
-def test_any_scene_comes_back_from_the_database_as_it_was(dsn: str, tmp_path: Path, count: int) -> None:
+@draws("scenes", 12, 200)
+def test_any_scene_comes_back_from_the_database_as_it_was(dsn: str, tmp_path: Path, scenes: int) -> None:
     path = tmp_path / "scene.geojson"
-
-    @settings(max_examples=count, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-    @given(scenes(STORABLE_INSTANT, 60.0))
-    def comes_back(content: tuple[Scene, list[Area], list[Track]]) -> None:
-        path.write_text("".join(scene_text(*content)))
+    for seed in range(scenes):
+        scene, areas, tracks = odd_scene(seed, STORABLE)
+        path.write_text("".join(scene_text(scene, areas, tracks)))
         with conflictdb.connect(dsn) as db:
             loaded = db.load_files([path], replace=True, max_speed_kn=math.inf)[0]  # random ones have no reason
-            assert loaded.scene == content[0].name
+            assert loaded.scene == scene.name, seed
             db.scene(loaded.scene).export(path)
-            assert db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts == LoadCounts(
-                0, 0, 0, len(content[1]) + len(content[2])
-            )
-        scene, areas, tracks, _ = conflictdb.read(path, max_speed_kn=math.inf)
-        assert scene == content[0]
-        for one, other in zip([*content[1], *content[2]], [*areas, *tracks], strict=True):
-            assert_same(one, other)
-
-    comes_back()
+            again = db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts
+            assert again == LoadCounts(0, 0, 0, len(areas) + len(tracks)), seed
+        back = conflictdb.read(path, max_speed_kn=math.inf)
+        assert back.scene == scene, seed
+        for one, other in zip([*areas, *tracks], [*back.areas, *back.tracks], strict=True):
+            assert lost(one, other) == [], seed
 
 
 def test_objects_of_1970_come_back_from_the_database(dsn: str, tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
+from layouts import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb import InvalidInput, Scene, Track, connect, delays, speeds, store
 from conflictdb.model.rules import Rule
@@ -12,7 +13,7 @@ from conflictdb.model.rules import Rule
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR, GROWING_CIRCLES], ids=lambda workload: workload.name)
 def test_a_stored_scene_has_the_delays_of_its_objects(dsn: str, workload: Workload) -> None:
     """For one track, a current scene reads only the objects that the track may meet: the answer is the same."""
-    scene, areas, tracks = throw(workload, 4, 10, 12, separation_m=500.0)
+    scene, areas, tracks = plain_scene(workload, 4, 10, 12, separation_m=500.0)
     within_s = 600.0 if workload is HARBOUR else 7200.0
     with connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
@@ -35,7 +36,7 @@ def test_a_stored_scene_has_the_delays_of_its_objects(dsn: str, workload: Worklo
 
 def test_a_stored_scene_has_the_speeds_and_waits_of_its_objects(dsn: str) -> None:
     """For one track, a current scene reads only the objects that the track may meet: the answer is the same."""
-    scene, areas, tracks = throw(SEAM, 4, 10, 12, separation_m=500.0)
+    scene, areas, tracks = plain_scene(SEAM, 4, 10, 12, separation_m=500.0)
     key = tracks[0].key
     with connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
@@ -57,7 +58,7 @@ def test_a_stored_scene_has_the_speeds_and_waits_of_its_objects(dsn: str) -> Non
 
 
 def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 4, 2, 2)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 4, 2, 2)
     with connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
         stored = db.scene(scene.name)

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -13,12 +13,13 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from draws import draws
+from full_plans import lost
+from mixed_scenes import odd_scene
+from odd_values import Anywhere
 from patience import answer_all
 from piecework import load
 from psycopg import conninfo, sql
-from scene_strategies import INSTANT, areas, assert_same, tracks
 from scenes import T0_US, box, sail
 
 from conflictdb import Area, Rule, Track, connect, rectangle_outline_m, store
@@ -26,8 +27,7 @@ from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, Store
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
 from conflictdb.jobs import detect, probes
-from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import MAX_INSTANT_US, Scene
+from conflictdb.model.plans import Scene
 from conflictdb.model.results import Conflict
 
 Conn = psycopg.Connection[Any]
@@ -547,70 +547,22 @@ def test_the_open_requests_of_a_role_have_a_bound_in_bytes(conn: Conn) -> None:
     assert conn.execute(asked, [ask(conn, ASK, "s")]).fetchone() == (True,)
 
 
-TOLERANCES = st.fixed_dictionaries(
-    {},
-    optional={
-        "xtd_port_m": st.floats(0.0, 18_520.0),
-        "xtd_starboard_m": st.floats(0.0, 18_520.0),
-        "turn_radius_m": st.floats(0.0, 1e4),
-    },
-).filter(bool)
-
-
-MONDAYS = {"days": ["MON"], "periods": [["08:00", "16:00"]]}
-
-
-@st.composite
-def every_field(draw: st.DrawFn) -> Area | Track:
-    """A plan in which every field may be set."""
-    plan = draw(areas() | tracks(INSTANT, 80.0))
-    how = draw(st.integers(0, 3))
-    if isinstance(plan, Area):
-        if how == 1:
-            ends = sorted(draw(st.lists(INSTANT, min_size=4, max_size=4, unique=True)))
-            ends[3] = draw(st.sampled_from([None, ends[3]]))
-            at = [certain(end) for end in ends]
-            return replace(plan, start_us=None, end_us=None, spans_us=[(at[0], at[1]), (at[2], at[3])])
-        span = {"start_us": certain(plan.start_us), "end_us": certain(plan.end_us)}
-        return replace(plan, schedule=MONDAYS, **span) if how == 2 else plan
-    lasts_us = int(plan.times_us[-1] - plan.times_us[0])
-    more: dict[str, Any] = {}
-    if how == 1 and plan.times_us[-1] + 3 * lasts_us < MAX_INSTANT_US:
-        more = {"departures_us": all_certain(plan.times_us[0] + np.arange(3) * (lasts_us + 1))}
-    elif how == 2:
-        more = {"schedule": MONDAYS}
-    elif how == 3 and plan.outlines_m is None and not plan.grow_mps:
-        more = {"tolerances": draw(TOLERANCES)}
-    return replace(plan, times_us=all_certain(plan.times_us), max_speed_kn=np.inf, **more)
-
-
-@given(st.lists(every_field(), min_size=1, max_size=3, unique_by=lambda one: one.key))
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_plan_comes_through_a_request_to_the_last_bit(conn: Conn, plans: list[Area | Track]) -> None:
-    if conn.execute("SELECT count(*) FROM conflictdb.scene").fetchone() == (0,):
-        load(conn, Scene("s"), [], [])
-    with conn.transaction(force_rollback=True):
-        number = store.request_probe(conn, "s", plans_text(plans))
-        request = store.read_request(conn, number)
-        assert (request.kind, request.scene) == ("probe", "s")
-        assert request.plans is not None
-        read = {one.key: one for one in read_plans(request.plans, Scene("s"))}
-    assert len(read) == len(plans)
-    for plan in plans:
-        assert_same(plan, read[plan.key])
-        names = ["spans_us"] if isinstance(plan, Area) else ["departures_us", "tolerances"]
-        for name in ("schedule", *names):
-            assert getattr(plan, name) == getattr(read[plan.key], name), name
-    # A field that is not compared above would be forgotten here.
-    assert {one.name for one in fields(Area)} == {
-        *("key", "footprint", "name", "start_us", "end_us", "floor_m", "ceiling_m", "properties", "object_class"),
-        *("owner", "spans_us", "schedule"),
-    }
-    assert {one.name for one in fields(Track)} == {
-        *("key", "positions_deg", "times_us", "outline_m", "name", "floor_m", "ceiling_m", "properties", "grow_mps"),
-        *("outlines_m", "floors_m", "ceilings_m", "object_class", "owner", "tolerances", "departures_us", "schedule"),
-        "legs",  # of the scene, checked before the request
-    }
+@draws("scenes", 30, 2000)
+def test_a_plan_comes_through_a_request_to_the_last_bit(conn: Conn, scenes: int) -> None:
+    load(conn, Scene("s"), [], [])
+    for seed in range(scenes):
+        _, *kinds = odd_scene(seed, Anywhere(north_deg=80.0))
+        plans = [one for kind in kinds for one in kind]
+        if not plans:
+            continue
+        with conn.transaction(force_rollback=True):
+            number = store.request_probe(conn, "s", plans_text(plans))
+            request = store.read_request(conn, number)
+            assert (request.kind, request.scene) == ("probe", "s")
+            assert request.plans is not None
+            read = {one.key: one for one in read_plans(request.plans, Scene("s"))}
+        assert len(read) == len(plans)
+        assert {plan.key: lost(plan, read[plan.key]) for plan in plans} == {plan.key: [] for plan in plans}, seed
 
 
 RULED = Scene("s", rules=(Rule("ferry", "area", separation_m=5000.0),))

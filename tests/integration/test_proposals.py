@@ -14,9 +14,10 @@ import psycopg
 import pytest
 import shapely
 from commands import STRAIT, runner
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from psycopg import conninfo, sql
 from verdicts import by_pair, compared
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import (
     Area,
@@ -50,7 +51,7 @@ def db(dsn: str) -> Iterator[Database]:
 def scene(db: Database) -> StoredScene:
     """A detected scene with conflicts between tracks."""
     workload = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
-    settings, areas, tracks = throw(workload, 3, 4, 14)
+    settings, areas, tracks = plain_scene(workload, 3, 4, 14)
     store.replace_scene(db.connection, settings, areas, tracks, merge=False)
     stored = db.scene(settings.name)
     stored.detect()
@@ -121,7 +122,7 @@ def test_applying_clears_and_undoing_restores(db: Database, scene: StoredScene) 
 def cleared(db: Database, seed: int) -> int:
     """Clear a stored scene, detect it as a whole, compare all its pairs with the oracle; return how many went."""
     workload = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
-    settings, areas, tracks = throw(workload, seed, 3, 9)
+    settings, areas, tracks = plain_scene(workload, seed, 3, 9)
     store.replace_scene(db.connection, settings, areas, tracks, merge=False)
     scene = db.scene(settings.name)
     scene.detect()

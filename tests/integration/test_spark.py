@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from layouts import GROWING, OCEAN, SEAM
+from mixed_scenes import plain_scene
 from pyarrow import parquet
 from spark_answers import Job, Spark, answer_of_one_machine, in_order
-from workloads import GROWING, OCEAN, SEAM, throw
 
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats.parquet_writing import write_objects
@@ -29,7 +30,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
     """All columns except those of a database: few partitions and many, also if an executor with data is killed."""
     strait, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / "strait.geojson"))
     assert strait is not None
-    near, closed, moving = throw(SEAM, 3, 12, 24)
+    near, closed, moving = plain_scene(SEAM, 3, 12, 24)
     # A crowd, which is dealt into blocks.
     objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(20))]
     near = replace(near, nearest_m=20_000.0, separation_m=500.0, time_separation_s=600.0)
@@ -119,7 +120,7 @@ def test_without_java_one_line_says_what_to_install(tmp_path: Path, java: int | 
 def test_all_scenes_on_spark(tmp_path: Path, spark: Spark) -> None:
     """All known scenes and random ones, by all methods, in 1, 3 and 16 partitions in turn; the centre is found too."""
     known = [(one.scene, one.areas, one.tracks) for one in scenes.known_scenes()]
-    thrown = [throw(workload, 3, 10, 20) for workload in (SEAM, GROWING, OCEAN)]
+    thrown = [plain_scene(workload, 3, 10, 20) for workload in (SEAM, GROWING, OCEAN)]
     jobs = []
     for scene, areas, tracks in [*known, *thrown]:
         for method in Method:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from layouts import EQUATOR, GROWING_CIRCLES, HARBOUR, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from psycopg import conninfo, sql
 from scenes import area, track
 from shapely import box
-from workloads import EQUATOR, GROWING_CIRCLES, HARBOUR, OCEAN, SEAM, Workload, throw
 
 import conflictdb
 from conflictdb import InvalidInput, connect, store
@@ -73,7 +74,7 @@ def voyages(one: Track) -> Track:
 @pytest.mark.parametrize("separation_m", [0.0, 5000.0])
 def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, separation_m: float) -> None:
     """For each track alone and all together, for each horizon and `now`."""
-    scene, areas, tracks = throw(workload, 3, 6, 7, separation_m=separation_m)
+    scene, areas, tracks = plain_scene(workload, 3, 6, 7, separation_m=separation_m)
     scene = replace(
         scene, delays_within_s=600.0 if workload is HARBOUR else WITHIN_S, time_separation_s=separation_m / 50
     )
@@ -197,7 +198,7 @@ def test_after_random_edits_the_rows_are_those_of_a_full_computation(
 ) -> None:
     """Edits by a role that may only edit, detected one by one or several together, in batches of any size."""
     rng = np.random.default_rng(7)
-    scene, areas, tracks = throw(workload, 5, 18, 24, separation_m=1000.0)
+    scene, areas, tracks = plain_scene(workload, 5, 18, 24, separation_m=1000.0)
     scene = replace(scene, delays_within_s=WITHIN_S)
     spare = [*areas[10:], *tracks[14:], *(waits_first(f"W{n}", one) for n, one in enumerate(tracks[:3]))]
     areas, tracks = areas[:10], tracks[:14]
@@ -417,7 +418,7 @@ def test_conflicts_of_spark_bring_differences(crossing: Crossing, monkeypatch: p
 
 def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """However little fits, the rows are the same; no batch has more pieces than fit, but for one of one object."""
-    scene, areas, tracks = throw(EQUATOR, 9, 20, 30)
+    scene, areas, tracks = plain_scene(EQUATOR, 9, 20, 30)
     read: list[tuple[int, int]] = []
     near = store.pieces_near
 

@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 from commands import KEPT, STRAIT, Run, known
-from mixed_scenes import Feature, mixed_scene
+from mixed_scenes import mixed_scene
+from scene_features import Feature
 
 from conflictdb import connect, store
 from conflictdb.arrays.arrow.found import COMPUTED, of_found

@@ -30,7 +30,7 @@ from memory_paths import (
     with_closed_areas,
     with_other_days,
 )
-from mixed_scenes import Object
+from scene_features import Object
 
 from conflictdb import Database, IncompleteWarning, StoredScene, connect
 from conflictdb import delays as delays_in_memory

@@ -31,10 +31,11 @@ if __name__ == "__main__":
 import numpy as np
 import shapely
 from conflict_scenes import published
+from layouts import WORKLOADS
 from made_scenes import Kind, box, sea
-from mixed_scenes import FEATURES, mixed_scene
+from mixed_scenes import mixed_scene, plain_scene
+from scene_features import FEATURES
 from scenes import known_scenes
-from workloads import WORKLOADS, throw
 
 import conflictdb
 from conflictdb import formats, solve, store
@@ -87,10 +88,10 @@ def acceptance_scenes() -> Scenes:
     for k, workload in enumerate(WORKLOADS):
         for seed in (0, 1):
             earth = list(EarthModel)[(k + seed) % 2]
-            found[f"workload {workload.name} {seed}"] = lambda w=workload, s=seed, e=earth: throw(w, s, 10, 10, e)
+            found[f"workload {workload.name} {seed}"] = lambda w=workload, s=seed, e=earth: plain_scene(w, s, 10, 10, e)
     separated = WORKLOADS[0]
-    found["workload separation"] = lambda: throw(separated, 2, 8, 10, separation_m=926.0)
-    found["workload tolerance 0"] = lambda: throw(separated, 3, 8, 10, tolerance_m=0.0)
+    found["workload separation"] = lambda: plain_scene(separated, 2, 8, 10, separation_m=926.0)
+    found["workload tolerance 0"] = lambda: plain_scene(separated, 3, 8, 10, tolerance_m=0.0)
     for seed in range(2 * len(FEATURES)):
         found[f"mixed {seed}"] = lambda seed=seed: _mixed(seed)
     for kind in Kind:

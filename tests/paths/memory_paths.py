@@ -8,7 +8,8 @@ import geopandas
 import numpy as np
 import shapely
 from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules, only_of, same, solved, waiting
-from mixed_scenes import DAY_US, METRES_PER_DEGREE
+from layouts import Hubs
+from scene_features import DAY_US
 
 from conflictdb import Index, chances, delays, detours, resolve, solve, speeds
 from conflictdb.formats.scene_file import feature_of
@@ -18,6 +19,7 @@ from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Proposal
 from conflictdb.model.results import Conflict, Delays, Forbidden, Speeds, Verdict
 
+METRES_PER_DEGREE: Final = Hubs.METRES_PER_DEGREE
 WITHIN_S: Final = 1800.0
 # Longer than a day: delayed tracks leave the expanded window, and meet the spans of schedules on other days.
 DAYS_S: Final = 93_600.0
@@ -190,8 +192,15 @@ def _beside_the_waypoint(case: Case, track: Track) -> Iterator[Case]:
     lon, lat = track.positions_deg[1].tolist()
     leaves_us = int(track.times_us[1])
     for bearing in np.radians([20.0, 110.0, 200.0, 290.0]).tolist() if reach_m else ():
-        north, east = np.cos(bearing) * reach_m / METRES_PER_DEGREE, np.sin(bearing) * reach_m / METRES_PER_DEGREE
-        x, y, half = lon + 0.55 * east / np.cos(np.radians(lat)), lat + 0.55 * north, 0.02 * reach_m / METRES_PER_DEGREE
+        north, east = (
+            np.cos(bearing) * reach_m / METRES_PER_DEGREE,
+            np.sin(bearing) * reach_m / METRES_PER_DEGREE,
+        )
+        x, y, half = (
+            lon + 0.55 * east / np.cos(np.radians(lat)),
+            lat + 0.55 * north,
+            0.02 * reach_m / METRES_PER_DEGREE,
+        )
         box = shapely.box(x - half / np.cos(np.radians(lat)), y - half, x + half / np.cos(np.radians(lat)), y + half)
         start, end = certain(leaves_us + 120_000_000), certain(leaves_us + 720_000_000)
         areas = [Area("beside", box, start_us=start, end_us=end)]

@@ -16,8 +16,8 @@ from case import Case, Finding, NotApplicable
 from database_paths import DATABASE_PATHS
 from file_paths import FILE_PATHS
 from memory_paths import MEMORY_PATHS
-from mixed_scenes import FEATURES, Feature
 from page_paths import PAGE_PATHS
+from scene_features import FEATURES, Feature
 
 from conflictdb import ConflictDBError
 from conflictdb.model.path_limits import PATH_LIMITS, PathLimit

@@ -18,9 +18,10 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 
 from case import Case  # noqa: E402
 from databases import test_server  # noqa: E402
-from mixed_scenes import FEATURES, mixed_scene  # noqa: E402
+from mixed_scenes import mixed_scene  # noqa: E402
 from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Table, seeds_of  # noqa: E402
 from reused import ReusedDatabase  # noqa: E402
+from scene_features import FEATURES  # noqa: E402
 from test_paths import put_stored  # noqa: E402
 
 from conflictdb.jobs import schema  # noqa: E402

@@ -4,7 +4,8 @@ import secrets
 
 import pytest
 from against_oracle import wrong
-from mixed_scenes import FEATURES, mixed_scene
+from mixed_scenes import mixed_scene
+from scene_features import FEATURES
 
 # 375 pairs; the oracle's answers are recorded.
 SEEDS = (0, 1, 2, 3, 4, 8, 14, 16, 17, 18, 19, 26, 29, 30, 38, 40, 50, 59)

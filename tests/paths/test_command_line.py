@@ -8,7 +8,8 @@ from typing import Any, Final
 import pytest
 from case import Case, Rows
 from commands import Outcome, Run
-from mixed_scenes import Feature, mixed_scene
+from mixed_scenes import mixed_scene
+from scene_features import Feature
 
 from conflictdb.formats import write_scene_file
 from conflictdb.model.results import Verdict

@@ -3,7 +3,8 @@
 import warnings
 
 import pytest
-from mixed_scenes import FEATURES, Feature, mixed_scene
+from mixed_scenes import mixed_scene
+from scene_features import FEATURES, Feature
 
 from conflictdb import IncompleteWarning, solve
 

@@ -11,8 +11,9 @@ from typing import Final
 import pyarrow as pa
 import pytest
 from case import Case
-from mixed_scenes import FEATURES, Feature, Mixed, mixed_scene
+from mixed_scenes import Mixed, mixed_scene
 from pyarrow import parquet
+from scene_features import FEATURES, Feature
 from spark_answers import Spark, in_order
 
 from conflictdb.arrays.arrow.found import of_rows

@@ -11,8 +11,9 @@ import psycopg
 import pytest
 from case import Case
 from database_paths import StoredCase
-from mixed_scenes import FEATURES, Feature, mixed_scene
+from mixed_scenes import mixed_scene
 from path_table import GROUPS_IN_DATABASE, IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Path, Table, seeds_of
+from scene_features import FEATURES, Feature
 
 from conflictdb import connect
 from conflictdb.model.path_limits import PATH_LIMITS

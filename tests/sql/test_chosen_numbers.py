@@ -4,7 +4,8 @@ from typing import Any
 
 import psycopg
 import pytest
-from workloads import LOW_LATITUDE, throw
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
@@ -104,7 +105,7 @@ def test_marks_that_an_editor_makes_lose_no_conflict(conn: Conn) -> None:
     """Nothing depends on their version, and marks of missing objects are cleared."""
     conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.commit()
-    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     found = {(c.a_key, c.b_key, c.periods) for c in store.conflicts(conn, scene.name)}
@@ -127,7 +128,7 @@ def test_editors_load_and_edit_as_before(conn: Conn) -> None:
     """By functions, by statements with names of columns, and by COPY."""
     conn.execute("SET ROLE conflictdb_editor")
     conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
-    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     with conn.cursor() as cursor, cursor.copy("COPY area (scene_id, key, footprint) FROM STDIN") as copy:
         copy.write_row((1, "COPIED", "SRID=4326;MULTIPOLYGON(((0 0,1 0,1 1,0 1,0 0)))"))

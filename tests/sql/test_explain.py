@@ -4,9 +4,10 @@ from typing import Any
 
 import psycopg
 import pytest
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from piecework import load
 from scenes import T0_US, box, sail
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect, delays
 from conflictdb.jobs import detect
@@ -97,7 +98,7 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
 @pytest.mark.parametrize("method", list(Method))
 def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -> None:
     """A pair without a conflict is apart, and the stage that decided left nothing of it."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 7, 6, 6)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 7, 6, 6)
     scene = Scene("s", method=method)
     load(conn, scene, areas, tracks)
     detect.detect(conn, "s", jobs=1)

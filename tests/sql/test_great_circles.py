@@ -8,9 +8,10 @@ import oracle_circle
 import psycopg
 import pytest
 import shapely
+from layouts import ARCTIC, GROWING_CIRCLES, OCEAN
+from mixed_scenes import plain_scene
 from piecework import load
 from scenes import T0_US, box
-from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
 from conflictdb import store
 from conflictdb.core.pieces.cutting import check_plane
@@ -203,7 +204,7 @@ def test_a_load_may_change_motion_and_objects_together(conn: Conn) -> None:
 
 @pytest.mark.parametrize("workload", [OCEAN, ARCTIC, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_haven_at_is_where_brute_force_says(conn: Conn, workload: Any) -> None:
-    scene, _, tracks = throw(workload, 21, 0, 12)
+    scene, _, tracks = plain_scene(workload, 21, 0, 12)
     load(conn, scene, [], tracks)
     for track in tracks:
         for leg in range(len(track.times_us) - 1):

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from layouts import ARCTIC, GROWING, GROWING_CIRCLES, SEAM
+from mixed_scenes import plain_scene
 from piecework import load
-from workloads import ARCTIC, GROWING, GROWING_CIRCLES, SEAM, throw
 
 from conflictdb.model.plans import Motion, Scene, Track, rectangle_outline_m
 
@@ -41,7 +42,7 @@ def assert_same(conn: Conn, scene: str, first_us: int, last_us: int, step: timed
 @pytest.mark.parametrize("workload", [SEAM, GROWING, ARCTIC, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_havens_are_those_at_each_instant(conn: Conn, workload: Any) -> None:
     """Across the seam, around the pole, also of havens that grow."""
-    scene, _, tracks = throw(workload, 5, 0, 6)
+    scene, _, tracks = plain_scene(workload, 5, 0, 6)
     load(conn, scene, [], tracks)
     first, last = min(int(t.times_us[0]) for t in tracks), max(int(t.times_us[-1]) for t in tracks)
     step = timedelta(microseconds=(last - first) // 9)

@@ -8,9 +8,10 @@ import psycopg
 import pytest
 import shapely
 from havens_of_kernel import haven_deg
+from layouts import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM
+from mixed_scenes import plain_scene
 from oracle_motion import grown
 from piecework import load
-from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
 from conflictdb.model.plans import EarthModel, Scene, Track, rectangle_outline_m
 
@@ -46,7 +47,7 @@ def assert_same_polygon(found: shapely.Geometry | None, vertices: np.ndarray) ->
 @pytest.mark.parametrize("workload", [HIGH_LATITUDE, LONG_LEGS, SEAM, GROWING], ids=lambda w: w.name)
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_random_tracks_are_where_the_motion_model_says(conn: Conn, workload: Any, earth: EarthModel) -> None:
-    _, _, tracks = throw(workload, 21, 0, 12, earth)
+    _, _, tracks = plain_scene(workload, 21, 0, 12, earth)
     scene = Scene("s", earth=earth)
     load(conn, scene, [], tracks)
     for track in tracks:

@@ -7,8 +7,9 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from layouts import LOW_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 from piecework import load, refresh, stored_pieces
-from workloads import LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import store
 from conflictdb.arrays.pairs import Pairs
@@ -36,7 +37,7 @@ def names(pieces: Pieces) -> list[tuple[int, ...]]:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda w: w.name)
 def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) -> None:
-    scene_id = load(conn, *throw(workload, 11, 20, 20))
+    scene_id = load(conn, *plain_scene(workload, 11, 20, 20))
     made = refresh(conn, scene_id)
     pieces, pairs = intersecting(conn, scene_id)
     hull = dict(zip(names(made), hulls_of(made), strict=True))
@@ -57,7 +58,7 @@ def test_pairs_are_those_whose_hulls_share_a_point(conn: Conn, workload: Any) ->
 
 
 def test_without_regions_none_is_computed(conn: Conn) -> None:
-    scene_id = load(conn, *throw(LOW_LATITUDE, 12, 10, 10))
+    scene_id = load(conn, *plain_scene(LOW_LATITUDE, 12, 10, 10))
     refresh(conn, scene_id)
     _, with_regions = intersecting(conn, scene_id)
     conn.rollback()
@@ -69,7 +70,7 @@ def test_without_regions_none_is_computed(conn: Conn) -> None:
 
 @pytest.mark.parametrize("workload", [SEAM, replace(SEAM, changing_share=0.7)], ids=["steady", "growing"])
 def test_pieces_come_back_as_they_were_stored(conn: Conn, workload: Workload) -> None:
-    scene, areas, tracks = throw(workload, 13, 15, 15)
+    scene, areas, tracks = plain_scene(workload, 13, 15, 15)
     areas[0] = replace(areas[0], start_us=None, end_us=5, floor_m=-3.0)
     areas[1] = replace(areas[1], start_us=None, end_us=None, ceiling_m=1e9)
     tracks[0] = replace(tracks[0], outline_m=np.array([[0.0, 0.0]]), grow_mps=0.0, outlines_m=None)
@@ -99,7 +100,7 @@ def test_pieces_come_back_as_they_were_stored(conn: Conn, workload: Workload) ->
 
 
 def test_order_follows_the_content_not_the_order_of_loading(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 14, 15, 15)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 14, 15, 15)
     answers = []
     for name, sequence in (("forth", slice(None)), ("back", slice(None, None, -1))):
         scene_id = load(conn, replace(scene, name=name), areas[sequence], tracks[sequence])

@@ -7,9 +7,10 @@ from typing import Any
 import psycopg
 import pytest
 from databases import TestServer
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from piecework import load
 from psycopg import conninfo, sql
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect, store
 from conflictdb.errors import StoreError
@@ -30,7 +31,7 @@ def dsn(
 
 @pytest.fixture
 def scene(conn: Conn) -> Scene:
-    scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 31, 8, 8)
     load(conn, scene, areas, tracks)
     detect.detect(conn, scene.name, jobs=1)
     return scene
@@ -141,7 +142,7 @@ def test_reader_queries_and_changes_nothing(acting: Any, scene: Scene, tmp_path:
 
 def test_editor_changes_the_input_and_leaves_marks_it_cannot_touch(acting: Any, scene: Scene) -> None:
     conn = acting("conflictdb_editor")
-    _, areas, tracks = throw(LOW_LATITUDE, 32, 9, 9)
+    _, areas, tracks = plain_scene(LOW_LATITUDE, 32, 9, 9)
     counts = store.replace_scene(conn, scene, areas, tracks, merge=False)
     assert counts.added == 2
     conn.execute("SELECT conflictdb.remove_object(%s, 'A0')", [scene.name])

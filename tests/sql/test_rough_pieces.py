@@ -7,8 +7,9 @@ from typing import Any
 
 import psycopg
 import pytest
+from layouts import HIGH_LATITUDE, SEAM
+from mixed_scenes import plain_scene
 from piecework import load, mark_all
-from workloads import HIGH_LATITUDE, SEAM, throw
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "paths"))
 from mixed_scenes import Feature, mixed_scene
@@ -89,7 +90,7 @@ def test_rough_pieces_find_all_conflicts(conn: Conn, more: set[Feature]) -> None
 @pytest.mark.parametrize("workload", [HIGH_LATITUDE, SEAM], ids=lambda one: one.name)
 @pytest.mark.parametrize("settings", [{}, {"separation_m": 300_000.0}, {"motion": Motion.GREAT_CIRCLE}], ids=str)
 def test_rough_pieces_find_conflicts_of_wide_separations(conn: Conn, workload: Any, settings: dict[str, Any]) -> None:
-    scene, areas, tracks = throw(workload, 5, 12, 12)
+    scene, areas, tracks = plain_scene(workload, 5, 12, 12)
     if "motion" in settings:
         lon, lat = areas[0].footprint.centroid.coords[0]
         settings = {**settings, "earth": "sphere", "centre": (180.0 if workload is SEAM else lon, lat)}

@@ -10,9 +10,10 @@ import psycopg
 import pytest
 from commands import runner
 from databases import TestServer, client_programs
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from piecework import load
 from psycopg import conninfo, sql
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import store
 from conflictdb.errors import SchemaOutdated
@@ -59,7 +60,7 @@ def use_everything(conn: Conn, name: str) -> list[Conflict]:
 
 @pytest.mark.parametrize("earth", list(EarthModel))
 def test_postgis_may_live_in_another_schema(elsewhere: str, dsn: str, earth: EarthModel) -> None:
-    scene, areas, tracks = throw(MIXED, 41, 12, 12, earth)
+    scene, areas, tracks = plain_scene(MIXED, 41, 12, 12, earth)
     answers = []
     for where in (elsewhere, dsn):
         with store.connect(where) as conn:
@@ -76,7 +77,7 @@ def test_postgis_may_live_in_another_schema(elsewhere: str, dsn: str, earth: Ear
 
 
 def test_dump_and_restore(elsewhere: str, restored: str) -> None:
-    scene, areas, tracks = throw(MIXED, 42, 12, 12)
+    scene, areas, tracks = plain_scene(MIXED, 42, 12, 12)
     with store.connect(elsewhere) as conn:
         load(conn, scene, areas, tracks)
         before = use_everything(conn, scene.name)
@@ -140,7 +141,7 @@ def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhe
 @pytest.mark.parametrize("how", ["users", "replica", "without triggers"])
 def test_restore_of_data_alone_into_a_schema_that_is_there(elsewhere: str, restored: str, how: str) -> None:
     """All that it brings waits for detection, or, without triggers, is as it was in the dump."""
-    scene, areas, tracks = throw(MIXED, 42, 8, 8)
+    scene, areas, tracks = plain_scene(MIXED, 42, 8, 8)
     with store.connect(elsewhere) as conn:
         load(conn, scene, areas, tracks)
         before = use_everything(conn, scene.name)

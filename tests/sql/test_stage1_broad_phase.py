@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from layouts import HARBOUR, LOW_LATITUDE, SEAM
+from mixed_scenes import plain_scene
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
-from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb import store
 from conflictdb.arrays.words import numbers_of_words
@@ -59,10 +60,10 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
 
     Except boxes that meet only because the index rounds them outward. All pairs of two objects are in one chunk.
     """
-    scene, areas, tracks = throw(workload, 3, 25, 25, EarthModel.SPHERE if is_layered else EarthModel.WGS84)
+    scene, areas, tracks = plain_scene(workload, 3, 25, 25, EarthModel.SPHERE if is_layered else EarthModel.WGS84)
     if is_layered:
         areas = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
-    other = load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, 10, 10))
+    other = load(conn, *plain_scene(replace(LOW_LATITUDE, name="other"), 16, 10, 10))
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, other)
     refresh(conn, scene_id)
@@ -84,7 +85,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
 
 
 def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> None:
-    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 5, 5))
+    scene_id = load(conn, *plain_scene(LOW_LATITUDE, 15, 5, 5))
     refresh(conn, scene_id)
     count = len(stored_pieces(conn, scene_id))
     conn.rollback()
@@ -119,7 +120,7 @@ def pairs_of_source(conn: Conn, scene_id: int, boxes: int) -> set[frozenset[tupl
 def test_marked_pairs_joined_in_memory_are_those_of_the_database(conn: Conn) -> None:
     """With marks for all pairs of an object, and for those with a class or kind."""
     rng = np.random.default_rng(1)
-    scene, areas, tracks = throw(HARBOUR, 3, 40, 40)
+    scene, areas, tracks = plain_scene(HARBOUR, 3, 40, 40)
     areas, tracks = (
         [replace(one, object_class=(None, "ferry", "drone", "tug")[rng.integers(4)]) for one in some]
         for some in (areas, tracks)
@@ -146,7 +147,7 @@ def test_marked_pairs_joined_in_memory_are_those_of_the_database(conn: Conn) -> 
 
 
 def test_few_changed_objects_are_not_joined_in_memory(conn: Conn) -> None:
-    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 30, 30))
+    scene_id = load(conn, *plain_scene(LOW_LATITUDE, 15, 30, 30))
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change WHERE change_id > (SELECT min(change_id) + 1 FROM conflictdb.change)")
     conn.commit()
@@ -160,7 +161,7 @@ def test_few_changed_objects_are_not_joined_in_memory(conn: Conn) -> None:
 
 
 def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 5, 25, 25)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 5, 25, 25)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change")
@@ -178,8 +179,8 @@ def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> Non
 @pytest.mark.parametrize(("is_all", "others"), [(True, 5), (True, 30), (False, 5)])
 def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn, is_all: bool, others: int) -> None:
     """With another scene in the same place, which is smaller or larger."""
-    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 20, 20))
-    refresh(conn, load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, others, others)))
+    scene_id = load(conn, *plain_scene(LOW_LATITUDE, 15, 20, 20))
+    refresh(conn, load(conn, *plain_scene(replace(LOW_LATITUDE, name="other"), 16, others, others)))
     refresh(conn, scene_id)
     conn.execute("ANALYZE conflictdb.piece")
     if not is_all:
@@ -202,7 +203,7 @@ def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn,
 
 
 def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 6, 10, 10)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 6, 10, 10)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change")
@@ -213,7 +214,7 @@ def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None
 
 def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
     """Each changed piece, whatever the planner thinks of so small a table."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 7, 30, 30)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 7, 30, 30)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)
     conn.execute("DELETE FROM conflictdb.change WHERE object_id <> (SELECT min(area_id) FROM conflictdb.area)")
@@ -228,7 +229,7 @@ def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
 
 
 def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 8, 200, 200)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 8, 200, 200)
     refresh(conn, load(conn, scene, areas, tracks))
     plan = "\n".join(
         row[0] for row in conn.execute("EXPLAIN SELECT * FROM conflictdb.candidates(%s)", [scene.name]).fetchall()
@@ -244,13 +245,13 @@ def test_plan_joins_on_the_one_index_over_scene_hull_and_span(conn: Conn) -> Non
 
 
 def test_detection_must_read_one_snapshot(conn: Conn) -> None:
-    scene_id = load(conn, *throw(LOW_LATITUDE, 9, 2, 2))
+    scene_id = load(conn, *plain_scene(LOW_LATITUDE, 9, 2, 2))
     with pytest.raises(StoreError, match="REPEATABLE READ"):
         list(store.candidates(conn, scene_id, 1))
 
 
 def test_unbounded_spans_meet_everything(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 10, 2, 1)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 10, 2, 1)
     areas = [Area("always", areas[0].footprint), Area("also", areas[0].footprint, end_us=-(10**15))]
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)

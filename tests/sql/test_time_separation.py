@@ -8,8 +8,9 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from layouts import EQUATOR, LOW_LATITUDE
+from mixed_scenes import plain_scene
 from piecework import load
-from workloads import EQUATOR, LOW_LATITUDE, throw
 
 from conflictdb import (
     Area,
@@ -87,7 +88,7 @@ def test_it_stays_with_the_scene_and_recomputes_it(conn: Conn) -> None:
 @pytest.mark.parametrize("workload", [EQUATOR, LOW_LATITUDE], ids=lambda one: one.name)
 def test_the_database_answers_as_memory_does(conn: Conn, workload: Any) -> None:
     """Random scenes with areas that are there for a while; a probe of each plan, too."""
-    scene, areas, tracks = throw(workload, 4, 6, 8)
+    scene, areas, tracks = plain_scene(workload, 4, 6, 8)
     areas = [
         replace(one, start_us=T0_US + k * 10**9, end_us=T0_US + 3 * k * 10**9 + 10**9) for k, one in enumerate(areas)
     ]

@@ -163,7 +163,7 @@ def lost(one: Plan, other: Plan | None) -> list[str]:
     if not isinstance(other, Area if isinstance(one, Area) else Track):
         return [each.name for each in fields(one)]
     pairs = {each.name: (getattr(one, each.name), getattr(other, each.name, None)) for each in fields(one)}
-    if set(pairs.get("legs", ())) == {SCENE.motion, None}:
+    if None in pairs.get("legs", ()):
         del pairs["legs"]
     if all(pairs.get("tolerances", [None])):
         pairs["tolerances"] = tuple(windows_later(given, 0) for given in pairs["tolerances"])

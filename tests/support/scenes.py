@@ -2,8 +2,8 @@
 
 Everything rests on three facts. On a parallel, longitude is uniform in time and a haven's fore and aft edges lie on
 meridians. On a meridian, meridian distance is uniform in time and they lie on parallels. A haven step along the
-heading comes before the step across it. Random scenes are in `workloads.py`, a
-writer of scene files in `scene_file.py`.
+heading comes before the step across it. Random scenes are in `mixed_scenes.py`, a writer of scene files in
+`scene_file.py`.
 """
 
 from collections.abc import Callable, Sequence

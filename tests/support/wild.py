@@ -1,9 +1,9 @@
-"""Random scenes of extremes: every size, latitude, speed and shape at once. For ordinary ones see `workloads.py`."""
+"""Random scenes of extremes: every size, latitude, speed and shape at once. For ordinary ones see `mixed_scenes.py`."""
 
 import numpy as np
 import shapely
+from layouts import changing
 from scenes import T0_US
-from workloads import changing
 
 from conflictdb.core.pieces.cutting import check_plane
 from conflictdb.earth.registry import Setup

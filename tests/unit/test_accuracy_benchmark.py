@@ -6,8 +6,8 @@ import accuracy
 import oracle
 import pytest
 from accuracy import Row, Scenes, by_name, row_of, table
+from layouts import LOW_LATITUDE
 from verdicts import Reported, periods_us
-from workloads import LOW_LATITUDE
 
 from conflictdb import Scene, Verdict, solve
 from conflictdb.core.run import run_stages

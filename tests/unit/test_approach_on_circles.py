@@ -6,7 +6,8 @@ import pytest
 import scenes
 import shapely
 from draws import draws
-from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, Workload, throw
+from layouts import ARCTIC, GROWING_CIRCLES, OCEAN, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb import solve
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
@@ -62,7 +63,7 @@ def test_brute_force_comes_as_close_and_no_closer(workload: Workload, scenes: in
     """Up to 100 km; reported points lie on both objects' ways, at the reported distance."""
     compared = 0
     for seed in range(3, 3 + scenes):
-        scene, areas, tracks = throw(workload, seed, 2, 3, tolerance_m=0.0)
+        scene, areas, tracks = plain_scene(workload, seed, 2, 3, tolerance_m=0.0)
         scene = Scene("s", scene.motion, centre=scene.centre, tolerance_m=0.0, nearest_m=1e5)
         things: dict[str, Area | Track] = {x.key: x for x in (*areas, *tracks)}
         for found in solve(tracks, areas, scene):

@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from mixed_scenes import Feature, mixed_scene
+from draws import draws
+from full_plans import lost
+from mixed_scenes import mixed_scene, odd_scene
 from patience import WAIT_S
-from scene_strategies import assert_same, scenes
+from scene_features import Feature
 from staged import Staged
 
 from conflictdb import InvalidInput, solve
@@ -42,31 +42,30 @@ def same_arrays(one: object, other: object) -> None:
             assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), column.name
 
 
-@given(scenes())
-@settings(max_examples=25, deadline=None)
-def test_objects_come_back_as_they_were(objects: Objects) -> None:
+@draws("scenes", 25, 2000)
+def test_objects_come_back_as_they_were(scenes: int) -> None:
     """All that is known of areas and tracks, also through the format of streams."""
-    _, areas, tracks = objects
-    batch = of_objects(areas, tracks)
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, batch.schema) as writer:
-        writer.write_batch(batch)
-    back = pa.ipc.open_stream(sink.getvalue()).read_all()
-    for one, other in zip([*areas, *tracks], [one for kind in to_objects(back) for one in kind], strict=True):
-        assert_same(one, other)
+    for seed in range(scenes):
+        _, areas, tracks = odd_scene(seed)
+        batch = of_objects(areas, tracks)
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, batch.schema) as writer:
+            writer.write_batch(batch)
+        back = pa.ipc.open_stream(sink.getvalue()).read_all()
+        for one, other in zip([*areas, *tracks], [one for kind in to_objects(back) for one in kind], strict=True):
+            assert lost(one, other) == [], seed
 
 
-@given(scenes(), st.data())
-@settings(max_examples=15, deadline=None)
-def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataObject) -> None:
+@draws("scenes", 15, 2000)
+def test_some_rows_of_a_table_are_those_objects(scenes: int) -> None:
     """Slices begin in the middle of the memory that they share."""
-    _, areas, tracks = objects
-    items = [*areas, *tracks]
-    first = data.draw(st.integers(0, len(items)))
-    last = data.draw(st.integers(first, len(items)))
-    some = of_objects(areas, tracks).slice(first, last - first)
-    for one, other in zip(items[first:last], [one for kind in to_objects(some) for one in kind], strict=True):
-        assert_same(one, other)
+    for seed in range(scenes):
+        _, areas, tracks = odd_scene(seed)
+        items = [*areas, *tracks]
+        first, last = sorted(np.random.default_rng(seed).integers(0, len(items) + 1, 2).tolist())
+        some = of_objects(areas, tracks).slice(first, last - first)
+        for one, other in zip(items[first:last], [one for kind in to_objects(some) for one in kind], strict=True):
+            assert lost(one, other) == [], seed
 
 
 @pytest.mark.parametrize("feature", [Feature.SEPARATION, Feature.GROWTH, Feature.ANTIMERIDIAN])
@@ -193,7 +192,7 @@ def test_types_that_hold_the_same_are_taken() -> None:
     table = batch
     for name, of in loose.items():
         table = changed(table, name, table[name].combine_chunks().cast(of))
-    assert_same(to_objects(table)[1][0], to_objects(batch)[1][0])
+    assert lost(to_objects(table)[1][0], to_objects(batch)[1][0]) == []
     assert OBJECTS.columns(table) == OBJECTS.columns(batch)
 
 

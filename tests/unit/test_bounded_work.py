@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from layouts import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload
+from mixed_scenes import plain_scene
 from staged import Staged
 from verdicts import periods_us
-from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
@@ -94,7 +95,7 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
     for tolerance_m in (0.0, 0.01, 1.0, 10.0, 100.0, 1000.0):
         work, pairs, close, searched = 0, 0, 0, 0
         for seed in range(12):
-            scene, areas, tracks = throw(workload, seed, 10, 10, tolerance_m=tolerance_m)
+            scene, areas, tracks = plain_scene(workload, seed, 10, 10, tolerance_m=tolerance_m)
             conflicts, funnel = Staged.of(scene, areas, tracks).run()
             work += funnel.effort.exact.windows + funnel.effort.exact.evaluations
             pairs += funnel.solved_pairs
@@ -160,7 +161,7 @@ EVALUATIONS = {
 @pytest.mark.parametrize("workload", EVALUATIONS, ids=lambda one: one.name)
 def test_evaluations_per_pair_do_not_grow(workload: Workload) -> None:
     """By more than a twentieth; lower the limits after they shrink."""
-    scene, areas, tracks = throw(workload, 1, 20, 20)
+    scene, areas, tracks = plain_scene(workload, 1, 20, 20)
     for (separation_m, nearest_m), limit in zip(
         ((0.0, 0.0), (500.0, 0.0), (0.0, 5000.0)), EVALUATIONS[workload], strict=True
     ):

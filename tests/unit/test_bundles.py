@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from workloads import HARBOUR, LONG_LEGS, LOW_LATITUDE, SEAM, Workload, throw
+from layouts import HARBOUR, LONG_LEGS, LOW_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -38,7 +39,7 @@ def anchored(key: str, legs: int, **changes: object) -> Track:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR, LONG_LEGS], ids=lambda w: w.name)
 def test_bundles_hold_every_piece_and_meet_where_pieces_do(workload: Workload) -> None:
-    scene, areas, tracks = throw(workload, 4, 25, 25)
+    scene, areas, tracks = plain_scene(workload, 4, 25, 25)
     pieces = made(scene, areas, tracks)
     bundles = bundles_of(pieces)
     assert sorted(names(bundles.pieces)) == sorted(names(pieces))

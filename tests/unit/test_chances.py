@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import shapely
 from draws import draws
+from layouts import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload
+from mixed_scenes import plain_scene
 from scipy import integrate, stats
-from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve
 from conflictdb.core import chances as stage
@@ -102,7 +103,7 @@ def test_departures_with_a_separation_in_time_are_those_of_sampled_shifts(
     workload: Workload, seed: int, time_separation_s: float
 ) -> None:
     """The share of sampled shifts of a track at which `solve` finds a conflict lies in the bounds, climbs and all."""
-    scene, areas, tracks = throw(workload, seed, 3, 10)
+    scene, areas, tracks = plain_scene(workload, seed, 3, 10)
     rng = np.random.default_rng(seed)
     scene, tracks = replace(scene, time_separation_s=time_separation_s), [climbing(one, rng) for one in tracks]
     compared = 0
@@ -179,7 +180,7 @@ def test_uncertainty_has_limits(given: dict[str, Any], rule: str) -> None:
 @pytest.mark.parametrize("kind", ["normal", "empirical"])
 def test_the_work_is_bounded(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """A small budget is kept, and gives wider bounds; distributions of 100,000 values do not hang."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 4, 4, 12, tolerance_m=1.0)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 4, 4, 12, tolerance_m=1.0)
     rng = np.random.default_rng(0)
 
     def given(mean: float, sd: float, values: int) -> dict[str, Any]:
@@ -241,7 +242,7 @@ def test_an_unknown_track_is_refused() -> None:
 @draws("runs", 40, 120)
 def test_200_pairs_are_as_often_in_conflict_as_computed(runs: int) -> None:
     """Monte Carlo by `solve`: each pair, each track, and the number of conflicts, within four standard errors."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
     rng = np.random.default_rng(0)
     kinds: list[Any] = [stats.norm(0.0, 1800.0), stats.uniform(-3600.0, 7200.0), rng.normal(0.0, 3000.0, 50)]
     departures = {one.key: kinds[k % 3] for k, one in enumerate(tracks)}

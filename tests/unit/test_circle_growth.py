@@ -7,10 +7,11 @@ import oracle_circle
 import pytest
 import scenes
 import shapely
+from layouts import GROWING_CIRCLES
+from mixed_scenes import plain_scene
 from motion_bounds import LASTS_S, tightness
 from scenes import HOUR_S
 from verdicts import periods_us
-from workloads import GROWING_CIRCLES, throw
 
 from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import TrackBatch
@@ -34,7 +35,7 @@ def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scen
 def test_vertices_agree_with_the_oracle() -> None:
     """On every leg, also of havens that change at every waypoint."""
     for seed in (21, 22):
-        scene, _, tracks = throw(GROWING_CIRCLES, seed, 0, 8)
+        scene, _, tracks = plain_scene(GROWING_CIRCLES, seed, 0, 8)
         for track in tracks:
             pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
             for phase in oracle_circle.phases(oracle_circle.Chart.at(*scene.centre), track):

@@ -9,7 +9,8 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 import shapely
-from workloads import LOW_LATITUDE, throw
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 
 from conflictdb import (
     Area,
@@ -204,7 +205,7 @@ def test_time_limit_leaves_a_plan_with_its_bound() -> None:
 
 def scene_of(seed: int) -> tuple[Scene, list[Area], list[Track]]:
     workload = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
-    return throw(workload, seed, 4, 14)
+    return plain_scene(workload, seed, 4, 14)
 
 
 def check(seed: int, **more: object) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import shapely
 import shifting
+from layouts import HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from verdicts import ROUNDING_S, periods_us
-from workloads import HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import delays, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -147,7 +148,7 @@ def _agrees(expected: list[tuple[float, float]], answer: Conflict | None, error_
 
 def _random_scene(workload: Workload, seed: int, objects: tuple[int, int]) -> tuple[Scene, list[Area], list[Track]]:
     rng = np.random.default_rng([5, seed])
-    scene, areas, tracks = throw(workload, seed, *objects)
+    scene, areas, tracks = plain_scene(workload, seed, *objects)
     vertical_m, intervals = float(rng.choice([0.0, 30.0])), str(rng.choice(["half_open", "closed"]))
     scene = replace(scene, vertical_separation_m=vertical_m, intervals=Intervals(intervals))
     areas = [replace(area, floor_m=low, ceiling_m=low + 300.0) for area in areas if (low := rng.uniform(0, 900))]

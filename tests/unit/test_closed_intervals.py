@@ -5,8 +5,9 @@ from itertools import product
 
 import oracle
 import pytest
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from scenes import T0_US
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb import Area, Index, InvalidInput, Scene, Track, solve
 
@@ -55,7 +56,7 @@ def test_the_last_instant_of_a_track_counts(scene: Scene) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_closed_scenes_have_the_conflicts_of_the_oracle(seed: int) -> None:
     """Spans and bands end at few instants and heights, so that many touch."""
-    scene, areas, tracks = throw(LOW_LATITUDE, seed, 5, 5)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, seed, 5, 5)
     scene = replace(scene, intervals="closed")
     hour = 3_600_000_000
     for k, one in enumerate(areas):

@@ -15,12 +15,7 @@ import scenes
 import shapely
 from draws import draws
 from kernel_internals import internals
-from oracle_motion import Globe
-from pyproj import Geod
-from sampling import placed
-from scenes import FLATTENING, RADIUS_M
-from staged import Staged
-from workloads import (
+from layouts import (
     GROWING,
     GROWING_CIRCLES,
     HARBOUR,
@@ -31,8 +26,13 @@ from workloads import (
     SEAM,
     WORKLOADS,
     Workload,
-    throw,
 )
+from mixed_scenes import plain_scene
+from oracle_motion import Globe
+from pyproj import Geod
+from sampling import placed
+from scenes import FLATTENING, RADIUS_M
+from staged import Staged
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
@@ -69,7 +69,7 @@ class Given:
 
     @classmethod
     def of(cls, workload: Workload, seed: int, count: int, earth: EarthModel, nearest_m: float = 0.0) -> "Given":
-        scene, areas, tracks = throw(workload, seed, count, count, earth)
+        scene, areas, tracks = plain_scene(workload, seed, count, count, earth)
         return cls(replace(scene, nearest_m=nearest_m, tolerance_m=0.0), areas, tracks, near=nearest_m > 0.0)
 
     def some(self, most: int, seed: int = 0) -> "Given":
@@ -208,7 +208,7 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     """Distances and places as another program found them; bounds as they were, or below half a millimetre."""
     name, earth, nearest_m, areas, tracks = case
     (workload,) = (one for one in WORKLOADS if one.name == name)
-    scene, standing, moving = throw(workload, 5, int(areas), int(tracks), EarthModel(earth))
+    scene, standing, moving = plain_scene(workload, 5, int(areas), int(tracks), EarthModel(earth))
     scene = replace(scene, nearest_m=float(nearest_m), tolerance_m=0.0)
     staged = Staged.of(scene, standing, moving)
     pairs = staged.pairs

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from mixed_scenes import Feature, mixed_scene
+from mixed_scenes import mixed_scene
+from scene_features import Feature
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core.pieces.digests import area_digests, track_digests

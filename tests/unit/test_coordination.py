@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import shapely
+from layouts import GROWING_CIRCLES, LOW_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 from shifting import meets_when_shifted
-from workloads import GROWING_CIRCLES, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -34,7 +35,7 @@ def diagonal(track: Track, delay_s: float) -> shapely.LineString:
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, GROWING_CIRCLES], ids=lambda workload: workload.name)
 def test_a_diagonal_meets_the_contact_set_if_the_delay_is_forbidden(workload: Workload) -> None:
     """For tracks and areas; the outer set misses no contact, and the inner set has no other diagonals."""
-    scene, areas, tracks = throw(workload, 3, 6, 7, separation_m=500.0)
+    scene, areas, tracks = plain_scene(workload, 3, 6, 7, separation_m=500.0)
     rng, seen, met = np.random.default_rng(0), 0, 0
     for track, other in [(track, other) for track in tracks[:5] for other in [*areas, *tracks] if other is not track]:
         outer, inner = sets_of(scene, track, other)

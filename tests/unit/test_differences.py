@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from workloads import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, Workload, throw
+from layouts import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
@@ -19,7 +20,7 @@ WORKLOADS = [HIGH_LATITUDE, GROWING, OCEAN, GROWING_CIRCLES, HARBOUR]
 
 def batch(workload: Workload) -> tuple[KernelPlane, Pieces, tuple[np.ndarray, np.ndarray]]:
     """A plane, pieces, and pairs of them that might meet."""
-    scene, areas, tracks = throw(workload, 1, 10, 10)
+    scene, areas, tracks = plain_scene(workload, 1, 10, 10)
     setup = Setup.of(scene)
     pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     a, b = candidates(pieces)
@@ -170,7 +171,7 @@ def test_polygons_of_many_sides_take_bounded_work(count: int, reach_m: float) ->
 def test_ends_are_sharp_where_a_corner_passes_a_long_side_or_a_corner(reach_m: float, projection: str) -> None:
     """The half of a distance is smaller within a long side than at its ends; and contact sets are round at corners."""
     workload = LOW_LATITUDE if projection == "mercator" else replace(OCEAN, around_haven=(20.0, 40.0))
-    scene, areas, tracks = throw(workload, 0, 20, 30)
+    scene, areas, tracks = plain_scene(workload, 0, 20, 30)
     setup = Setup.of(scene)
     pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     a, b = candidates(pieces)

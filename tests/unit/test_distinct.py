@@ -4,7 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from workloads import ARCTIC, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+from layouts import ARCTIC, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb.arrays.distinct import distinct, is_in
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -38,7 +39,7 @@ def test_addresses_are_those_of_numpy() -> None:
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, OCEAN, HARBOUR, ARCTIC])
 def test_pieces_of_checked_plans_are_those_of_plans(workload: Workload) -> None:
     for seed in range(4):
-        scene, areas, tracks = throw(workload, seed, 6, 8)
+        scene, areas, tracks = plain_scene(workload, seed, 6, 8)
         scene = centred(scene, areas, tracks)
         setup = Setup.of(scene)
         flat, once = check_plane(setup.plane, areas, tracks)

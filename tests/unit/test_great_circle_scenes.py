@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from layouts import OCEAN
+from mixed_scenes import plain_scene
 from scenes import T0_US, box
 from verdicts import periods_us
-from workloads import OCEAN, throw
 
 from conflictdb import Area, EarthModel, InvalidInput, Motion, Scene, Track, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -239,7 +240,7 @@ def test_scenes_near_and_far_from_their_centre_give_one_answer() -> None:
 
 def test_advice_about_great_circles() -> None:
     """About the middle of the objects if the scene has no centre yet."""
-    scene, areas, tracks = throw(OCEAN, 3, 8, 8)
+    scene, areas, tracks = plain_scene(OCEAN, 3, 8, 8)
     for centre in (scene.centre, None):
         advice = advise(replace(scene, centre=centre), areas, tracks, sample=10)
         assert advice.estimates

@@ -7,10 +7,11 @@ import oracle
 import pytest
 import scenes
 import shapely
+from layouts import GROWING, LOW_LATITUDE
+from mixed_scenes import plain_scene
 from motion_bounds import LASTS_S, tightness
 from scenes import HOUR_S
 from verdicts import periods_us
-from workloads import GROWING, LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -42,7 +43,7 @@ def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:
 @pytest.mark.parametrize("earth", EarthModel)
 def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
     """On every leg, also of havens that change at every waypoint."""
-    scene, _, tracks = throw(GROWING, 21, 0, 12, earth)
+    scene, _, tracks = plain_scene(GROWING, 21, 0, 12, earth)
     globe, figure = oracle.Globe.of(earth), earth_of(earth)
     turn_m = 2 * np.pi * figure.radius_m
     for track in tracks:
@@ -155,7 +156,7 @@ def test_growth_beyond_the_plane_is_refused() -> None:
 @pytest.mark.parametrize("earth", EarthModel)
 def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: EarthModel) -> None:
     """A rectangle that grows, or the outlines that it grows to."""
-    scene, areas, tracks = throw(replace(LOW_LATITUDE, odd_share=0.0), 3, 6, 6, earth)
+    scene, areas, tracks = plain_scene(replace(LOW_LATITUDE, odd_share=0.0), 3, 6, 6, earth)
     by_speed = [replace(t, grow_mps=0.5) for t in tracks]
     by_outlines = []
     for t in tracks:
@@ -169,7 +170,7 @@ def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: Eart
 
 
 def test_a_growth_of_nothing_is_the_same_answer() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 3, 6, 6)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 3, 6, 6)
     same = [replace(t, outlines_m=np.array([t.outline_m] * len(t.times_us))) for t in tracks]
     assert solve(tracks, areas, scene) == solve(same, areas, scene)
     assert solve(tracks, areas, scene) == solve([replace(t, grow_mps=0.0) for t in tracks], areas, scene)

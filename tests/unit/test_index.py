@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from city import beyond_limits, within_limits
-from workloads import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+from layouts import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, Conflict, Index, InvalidInput, Motion, Scene, Track, solve
 from conflictdb.memory import index as index_module
@@ -27,7 +28,7 @@ def solved(scene: Scene, owned: Owned, plans: list[Plan], owner: str) -> list[Co
 
 def pool(workload: Workload, seed: int, **settings: object) -> tuple[Scene, Owned]:
     """A scene, and plans of owners that have one to three each, some with heights."""
-    scene, areas, tracks = throw(workload, seed, 14, 14)
+    scene, areas, tracks = plain_scene(workload, seed, 14, 14)
     rng, plans = np.random.default_rng(seed), [*areas, *tracks]
     plans = [replace(p, floor_m=100.0, ceiling_m=200.0) if rng.random() < 0.2 else p for p in plans]
     plans = [plans[k] for k in rng.permutation(len(plans))]
@@ -272,7 +273,7 @@ def test_limits_refuse_plans() -> None:
 
 def test_plans_put_one_by_one_are_cut_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """The answer is that of plans put at once, also if some are replaced, removed or changed in place meanwhile."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 3, 600, 20)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 3, 600, 20)
     index, wanted = Index(scene), Index(scene)
     wanted.put([*areas[10:], *tracks])
     probe = [replace(one, key=f"probe {one.key}") for one in tracks]

@@ -166,6 +166,24 @@ def test_what_cannot_be_meant_is_refused(make: Callable[[], object], key: str, f
     assert rule in refused.value.rule
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"tolerances": {"xtd_port_m": 5.0, "turn_radius_m": [5.0]}},
+        {"tolerances": {"departure_window": [START, END]}},
+        {"floors_m": []},
+        {"outlines_m": np.zeros((0, 1, 2))},
+        {"grow_mps": 1.0, "departures_us": [START]},
+    ],
+    ids=lambda more: "-".join(more),
+)
+def test_too_few_waypoints_are_refused_whatever_legs_have(more: dict[str, Any]) -> None:
+    for waypoints, times in ((0, 0), (0, 2), (1, 1), (2, 0), (2, 1), (1, 2)):
+        with pytest.raises(InvalidInput, match=r"needs at least two waypoints|must be one per waypoint"):
+            Track("T", np.array(LINE[:waypoints]).reshape(-1, 2), [START, END][:times], [[0.0, 0.0]], **more)
+
+
 def test_instants_of_1970_are_taken_where_they_are_meant() -> None:
     """As datetimes, or in a span that is too long for seconds."""
     early = datetime(1970, 1, 1, 0, 30, tzinfo=UTC)

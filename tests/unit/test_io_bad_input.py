@@ -83,6 +83,7 @@ AREA = [
     ({"ceiling_m": "0"}, "ceiling_m", "must be a number"),
     ({"ceiling_m": True}, "ceiling_m", "must be a number"),
     ({"name": 7}, "name", "must be a string"),
+    ({"name": ["a"]}, "name", "must be a string"),
     ({"name": "a\0b"}, "name", "U+0000"),
     ({"name": "\ud800"}, "name", "surrogate"),
     ({"kind": "track"}, "kind", "is 'track', but the geometry is a Polygon"),
@@ -93,6 +94,9 @@ AREA = [
 ]
 
 TRACK = [
+    ({"name": ["a"]}, "name", "must be a string"),
+    ({"class": ["ferry"]}, "class", "must be a non-empty string"),
+    ({"owner": [1, 2]}, "owner", "must be a non-empty string"),
     (line(), "@", "must not be empty"),
     (line([3, 56], [4, NAN], [5, 57]), "@[1][1]", "finite"),
     (line([3, 56], [4, 57]), "times", "2 waypoints, 3 times"),

@@ -79,6 +79,12 @@ def test_other_sides_stay_as_they_are(tmp_path: Path) -> None:
     assert " m in area 'Z'" in remark
 
 
+@pytest.mark.parametrize(("latitude", "rule"), [(1e308, "latitude must lie within"), (10**400, "too large")])
+def test_sides_that_leave_all_degrees_are_refused_without_a_warning(tmp_path: Path, latitude: float, rule: str) -> None:
+    with pytest.raises(InvalidInput, match=rule):
+        read(geojson(tmp_path / "a.geojson", [[[0.0, 80.0], [0.01, 80.01], [0.01, latitude], [0.0, 80.0]]]))
+
+
 def test_sides_of_more_than_half_a_turn_are_remarked(tmp_path: Path) -> None:
     ring = [[179, -18], [-179, -18], [-179, -17], [179, -17], [179, -18]]
     contents = read(geojson(tmp_path / "a.geojson", [ring]))

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from layouts import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload
+from mixed_scenes import plain_scene
 from patience import WAIT_S
 from staged import Staged
-from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -41,7 +42,7 @@ UNRESOLVED = Verdict.UNRESOLVED.code
 
 def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[KernelPlane, Pieces, Columns]:
     """A plane, pieces, and the pairs of them that might meet: a, b, zero_us, low_s, high_s."""
-    scene, areas, tracks = throw(workload, seeds, count, count, EarthModel.WGS84, 0.0)
+    scene, areas, tracks = plain_scene(workload, seeds, count, count, EarthModel.WGS84, 0.0)
     staged = Staged.of(scene, areas, tracks)
     pieces, pairs = staged.pieces, staged.pairs
     start, span_s = staged.spans()

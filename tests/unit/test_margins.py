@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
+from layouts import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
 from conflictdb.core import margins
@@ -28,7 +29,7 @@ def test_a_margin_is_the_closest_approach_beyond_the_separation(
 ) -> None:
     """Within the range; of one track as of all, however many are solved at once."""
     monkeypatch.setattr(margins, "_AT_ONCE", 4)
-    scene, areas, tracks = throw(workload, 1, 6, 14, separation_m=separation_m)
+    scene, areas, tracks = plain_scene(workload, 1, 6, 14, separation_m=separation_m)
     within_m = 2000.0 if workload is HARBOUR else 60_000.0
     near = solve(tracks, areas, replace(scene, nearest_m=separation_m + within_m))
     found = delays(tracks, areas, scene, clear_within_m=within_m)
@@ -107,7 +108,7 @@ def test_heights_are_those_of_the_pair() -> None:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda one: one.name)
 def test_margins_by_class_are_those_of_pairs(workload: Workload) -> None:
-    scene, areas, tracks = throw(workload, 1, 6, 14, separation_m=500.0)
+    scene, areas, tracks = plain_scene(workload, 1, 6, 14, separation_m=500.0)
     tracks = [replace(one, object_class=("one", "two", None)[n % 3]) for n, one in enumerate(tracks)]
     required_m = {frozenset(["one", "two"]): 20_000.0, frozenset(["one"]): 0.0}
     rules = (Rule("one", "two", separation_m=20_000.0), Rule("one", "one", separation_m=0.0))
@@ -150,7 +151,7 @@ def test_a_range_that_is_none_is_refused(within_m: float) -> None:
 def test_margins_with_a_separation_in_time_are_those_of_moved_copies() -> None:
     """The nearest approach of a copy that is earlier or later by at most that time."""
     within_s, range_m, count = 300.0, 60_000.0, 0
-    scene, areas, tracks = throw(SEAM, 2, 2, 5, separation_m=200.0)
+    scene, areas, tracks = plain_scene(SEAM, 2, 2, 5, separation_m=200.0)
     for one in delays(tracks, areas, replace(scene, time_separation_s=within_s), clear_within_m=range_m):
         assert one.clear_by_m is None or one.clear_error_m is not None
         least_m = np.inf

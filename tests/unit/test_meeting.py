@@ -5,8 +5,9 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from layouts import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from staged import Staged, still
-from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
@@ -102,7 +103,7 @@ def test_meeting_place_is_the_middle_of_what_shapely_finds_common(seed: int, whi
 )
 def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     """Pairs at instants at which they touch: the place is in both of the polygons, for any number of pairs."""
-    scene, areas, tracks = throw(workload, 3, 24, 24)
+    scene, areas, tracks = plain_scene(workload, 3, 24, 24)
     staged = Staged.of(scene, areas, tracks)
     plane, pieces, held = staged.setup.plane, staged.pieces, staged.prepared
     every = np.arange(len(pieces))

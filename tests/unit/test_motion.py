@@ -7,7 +7,8 @@ import numpy as np
 import oracle
 import pytest
 import scenes
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, SEAM, throw
+from layouts import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, SEAM
+from mixed_scenes import plain_scene
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
@@ -55,7 +56,7 @@ def shape_error_m(earth: EarthModel, found: np.ndarray, expected: np.ndarray) ->
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, SEAM, HARBOUR], ids=lambda w: w.name)
 def test_vertices_agree_with_the_oracle(workload: object, earth: EarthModel) -> None:
-    scene, _, tracks = throw(workload, 21, 0, 6, earth)
+    scene, _, tracks = plain_scene(workload, 21, 0, 6, earth)
     for track in tracks:
         _, shapes = legs_as_shapes(scene, track)
         for leg in range(len(track.times_us) - 1):

@@ -9,13 +9,14 @@ import pytest
 import recorded
 import scenes
 import shapely
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from mpmath import mp, mpf
 from oracle_distance import edges_of, least_m
 from precise import PreciseGlobe, precise_legs, refine, separation
 from pyproj import Geod
 from reference import data
 from scipy.spatial.distance import cdist
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 
@@ -185,7 +186,7 @@ def test_precise_meridian_distance_is_the_elliptic_integral(earth: EarthModel, d
 
 def touching(workload_seed: int) -> tuple[Scene, dict[str, Area | Track], dict[tuple[str, str], oracle.Meeting]]:
     """A random scene, its objects, and the meetings of its tracks with anything."""
-    scene, areas, tracks = throw(LOW_LATITUDE, workload_seed, 6, 6)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, workload_seed, 6, 6)
     meetings = oracle.meetings(scene, areas, tracks, 20.0)
     known = {thing.key: thing for thing in (*areas, *tracks)}
     return scene, known, {pair: m for pair, m in meetings.items() if m.touches and pair[1][0] == "T"}
@@ -219,7 +220,7 @@ def test_ends_agree_with_fifty_digits(workload_seed: int) -> None:
 
 
 def test_fifty_digits_distance_agrees_with_shapely() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 5, 4, 3, EarthModel.SPHERE)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 5, 4, 3, EarthModel.SPHERE)
     for area in areas:
         for track in tracks:
             at_s = 1000.0

@@ -8,8 +8,9 @@ import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from layouts import GROWING
+from mixed_scenes import plain_scene
 from oracle_motion import grown, outlines
-from workloads import GROWING, throw
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.core.pieces.cutting import _legs, track_pieces
@@ -69,7 +70,7 @@ def test_a_slanted_line_grows_to_a_rectangle() -> None:
 
 def test_outlines_of_a_batch_are_those_of_each_track() -> None:
     """At both ends of every leg, in a batch with tracks of every kind; brute force gives the same."""
-    scene, _, tracks = throw(GROWING, 5, 0, 40)
+    scene, _, tracks = plain_scene(GROWING, 5, 0, 40)
     assert sum(t.grow_mps > 0 for t in tracks) > 5
     assert sum(t.outlines_m is not None for t in tracks) > 5
     legs = _legs(Setup.of(scene).plane, TrackBatch.of(tracks))
@@ -88,7 +89,7 @@ def test_outlines_of_a_batch_are_those_of_each_track() -> None:
 
 
 def test_nothing_that_changes_shares_its_memory() -> None:
-    _, _, tracks = throw(GROWING, 5, 0, 40)
+    _, _, tracks = plain_scene(GROWING, 5, 0, 40)
     steady = [replace(t, grow_mps=0.0, outlines_m=None) for t in tracks]
     steady[3] = replace(steady[3], outlines_m=np.array([steady[3].outline_m] * len(steady[3].times_us)))
     legs = _legs(Setup.of(Scene("s")).plane, TrackBatch.of(steady))
@@ -186,7 +187,7 @@ def test_a_haven_that_is_pointed_but_not_sharp_may_grow() -> None:
 
 def test_steady_scenes_know_nothing_of_growth() -> None:
     """A growth of 0, and an outline per waypoint that is always the same, change nothing."""
-    _, _, tracks = throw(GROWING, 5, 0, 8)
+    _, _, tracks = plain_scene(GROWING, 5, 0, 8)
     for track in tracks:
         steady = replace(track, grow_mps=0.0, outlines_m=None)
         same = replace(steady, outlines_m=np.array([steady.outline_m] * len(steady.times_us)))

@@ -10,7 +10,8 @@ import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from workloads import WORKLOADS, Workload, throw
+from layouts import WORKLOADS, Workload
+from mixed_scenes import plain_scene
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
@@ -63,7 +64,7 @@ def assert_holds_the_motion(scene: Scene, track: Track, samples: int = 33) -> Pi
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
 def test_hulls_hold_the_true_motion(workload: Workload, earth: EarthModel) -> None:
-    scene, _, tracks = throw(workload, 31, 0, 8, earth, separation_m=50.0)
+    scene, _, tracks = plain_scene(workload, 31, 0, 8, earth, separation_m=50.0)
     for track in tracks:
         assert_holds_the_motion(scene, track)
 
@@ -73,7 +74,7 @@ def test_hulls_hold_the_true_motion(workload: Workload, earth: EarthModel) -> No
 def test_hulls_hold_the_true_motion_sweep(earth: EarthModel) -> None:
     for workload in WORKLOADS:
         for seed in range(40, 60):
-            scene, _, tracks = throw(workload, seed, 0, 20, earth)
+            scene, _, tracks = plain_scene(workload, seed, 0, 20, earth)
             for track in tracks:
                 assert_holds_the_motion(scene, track)
 
@@ -111,7 +112,7 @@ def test_a_leg_has_as_many_slices_as_the_root_of_its_length(havens: float, slice
 
 
 def test_slices_follow_each_other_without_a_gap() -> None:
-    scene, _, tracks = throw(WORKLOADS[0], 32, 0, 10)
+    scene, _, tracks = plain_scene(WORKLOADS[0], 32, 0, 10)
     pieces = track_pieces(Setup.of(scene), TrackBatch.of(tracks))
     for number, track in enumerate(tracks):
         own = np.flatnonzero((pieces.turn == 0) & (pieces.object_id == number))
@@ -152,7 +153,7 @@ def ring_is_convex_and_left_handed(ring: np.ndarray) -> bool:
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
 def test_parts_make_up_the_area(workload: Workload, earth: EarthModel) -> None:
     """Convex, counter-clockwise, not overlapping, and together the area: no more, no less."""
-    scene, areas, _ = throw(workload, 33, 12, 0, earth)
+    scene, areas, _ = plain_scene(workload, 33, 12, 0, earth)
     pieces = area_pieces(Setup.of(scene), AreaBatch.of(areas))
     for i, area in enumerate(areas):
         own = np.flatnonzero((pieces.object_id == i) & (pieces.turn == 0))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from numpy.typing import NDArray
-from workloads import LOW_LATITUDE, throw
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -24,7 +25,7 @@ from conflictdb.kernel.library import SHARE
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
 
-SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
+SCENE, AREAS, TRACKS = plain_scene(LOW_LATITUDE, 3, 6, 6)
 SCENE = replace(SCENE, nearest_m=20_000.0)
 
 
@@ -144,7 +145,7 @@ def test_stage_3_is_reported_for_the_pairs_that_it_decides(method: Method, separ
 
 def test_who_solves_the_pairs_does_not_matter() -> None:
     """One thread, or three that share them."""
-    scene, areas, tracks = throw(LOW_LATITUDE, 3, 140, 140)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 3, 140, 140)
     batch = AreaBatch.of(areas)
     pieces = Chunked(pieces_of(Setup.of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
     alone, funnel = run(scene, pieces)

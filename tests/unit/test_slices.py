@@ -6,8 +6,9 @@ import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from layouts import WORKLOADS, Workload
+from mixed_scenes import plain_scene
 from staged import still
-from workloads import WORKLOADS, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -30,7 +31,7 @@ ROUNDING_M = 1e-7
 def cut(
     workload: Workload, seed: int, separation_m: float, earth: EarthModel = EarthModel.WGS84
 ) -> tuple[Scene, Plane, Pieces]:
-    scene, areas, tracks = throw(workload, seed, 10, 10, earth, separation_m=separation_m)
+    scene, areas, tracks = plain_scene(workload, seed, 10, 10, earth, separation_m=separation_m)
     setup = Setup.of(scene)
     pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     return scene, setup.plane, pieces.take(np.flatnonzero(pieces.turn == 0))

@@ -21,8 +21,9 @@ import scenes
 import shapely
 import shapely.affinity
 from draws import draws
+from layouts import GROWING, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from spark_answers import answer_of_one_machine, in_order, need_pyspark
-from workloads import GROWING, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.arrow.object_rows import OBJECTS as FORM
@@ -43,7 +44,7 @@ from conflictdb.spark import cut_objects, solving, work_units
 from conflictdb.spark.work_units import Cells, two_blocks
 
 Objects = tuple[Scene, list[Area], list[Track]]
-THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)]
+THROWN = [plain_scene(SEAM, 3, 8, 16), plain_scene(GROWING, 5, 4, 10), plain_scene(OCEAN, 6, 6, 8)]
 OBJECTS = [*((one.scene, one.areas, one.tracks) for one in scenes.known_scenes()), *THROWN]
 
 
@@ -364,7 +365,7 @@ def spans_in(row: bytes) -> list[tuple[int, int]]:
 def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest.MonkeyPatch, cuts: int) -> None:
     """The pairs whose boxes and hulls meet, each in one cell and in one unit; those of two objects in one group."""
     monkeypatch.setattr(solving, "_PAIRS_AT_ONCE", 3)
-    scene, areas, tracks = throw(workload, 7, 8, 24)
+    scene, areas, tracks = plain_scene(workload, 7, 8, 24)
     batch = of_objects(areas, [*tracks, *(replace(tracks[0], key=f"version {i}") for i in range(12))])
     rows = pa.Table.from_batches(list(cut_objects.cut([batch], centred(scene, areas, tracks))))
     rows = rows.filter(rows["pieces"].is_valid())

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from layouts import GROWING
+from mixed_scenes import plain_scene
 from shifting import stretched
-from workloads import GROWING, throw
 
 from conflictdb import (
     Area,
@@ -249,7 +250,7 @@ def test_all_tracks_at_once_have_the_speeds_of_each(monkeypatch: pytest.MonkeyPa
         prepared.append(1)
         made(self, *given)  # type: ignore[arg-type]
 
-    scene, areas, tracks = throw(GROWING, 1, 6, 24, tolerance_m=1.0)
+    scene, areas, tracks = plain_scene(GROWING, 1, 6, 24, tolerance_m=1.0)
     low = [replace(one, floor_m=0.0, ceiling_m=100.0 * n) for n, one in enumerate(tracks[:6], 1)]
     tracks = [*low, *tracks[6:]]
     ruled = replace(scene, rules=(Rule("ferry", "ferry", 500.0),))

@@ -3,14 +3,15 @@
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import layouts
 import numpy as np
 import oracle
 import oracle_circle
 import pytest
 import scenes
 import shapely
-import workloads
 from kernel_planes import christoffel
+from mixed_scenes import plain_scene
 from oracle_motion import Globe
 from pyproj import Geod
 from scenes import FLATTENING, RADIUS_M, T0_US
@@ -284,21 +285,19 @@ slow = pytest.mark.slow  # the oracle looks closely at all that comes near
 @pytest.mark.parametrize(
     ("workload", "seed", "objects", "near_m"),
     [
-        (workloads.HIGH_LATITUDE, 3, 3, 50e3),
-        pytest.param(workloads.LOW_LATITUDE, 3, 3, 50e3, marks=slow),
+        (layouts.HIGH_LATITUDE, 3, 3, 50e3),
+        pytest.param(layouts.LOW_LATITUDE, 3, 3, 50e3, marks=slow),
         *(
             pytest.param(workload, seed, 4, near_m, marks=slow)
-            for workload, near_m in ((workloads.EQUATOR, 50e3), (workloads.SEAM, 50e3), (workloads.HARBOUR, 1e3))
+            for workload, near_m in ((layouts.EQUATOR, 50e3), (layouts.SEAM, 50e3), (layouts.HARBOUR, 1e3))
             for seed in range(1, 5)
         ),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
-def test_random_scenes_against_brute_force(
-    workload: workloads.Workload, seed: int, objects: int, near_m: float
-) -> None:
+def test_random_scenes_against_brute_force(workload: layouts.Workload, seed: int, objects: int, near_m: float) -> None:
     """None is missed, and the least distance lies within the stated bound."""
-    scene, areas, tracks = workloads.throw(workload, seed, objects, objects)
+    scene, areas, tracks = plain_scene(workload, seed, objects, objects)
     scene = replace(scene, nearest_m=near_m)
     found = {(one.a_key, one.b_key): one for one in solve(tracks, areas, scene)}
     for pair, meeting in oracle.meetings(scene, areas, tracks, care_m=8.0 * near_m).items():
@@ -321,7 +320,7 @@ def test_what_is_near_to_the_tolerance_is_as_near_as_a_search_of_all_the_time_fi
     """Within the errors of both, also with a separation; distances of pairs apart are known to the tolerance."""
     compared = 0
     for seed, separation_m in ((0, 0.0), (1, 0.0), (2, 3.0 * tolerance_m)):
-        scene, areas, tracks = workloads.throw(workloads.HARBOUR, seed, 6, 6)
+        scene, areas, tracks = plain_scene(layouts.HARBOUR, seed, 6, 6)
         near = replace(scene, tolerance_m=0.0, nearest_m=separation_m + 2.0 * tolerance_m)
         fine = {(one.a_key, one.b_key): one for one in solve(tracks, areas, near)}
         for one in solve(tracks, areas, replace(scene, tolerance_m=tolerance_m, separation_m=separation_m)):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from layouts import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE
+from mixed_scenes import plain_scene
 from staged import Staged
-from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
@@ -76,7 +77,7 @@ def test_what_is_certain_is_what_the_search_finds(
     workload: object, tolerance_m: float, separation_m: float, earth: EarthModel
 ) -> None:
     """The same contacts with the same verdicts, ends that agree within both bounds; hardly any pair is searched."""
-    batch = Batch.of(*throw(workload, 4, 12, 12, earth, tolerance_m, separation_m))
+    batch = Batch.of(*plain_scene(workload, 4, 12, 12, earth, tolerance_m, separation_m))
     work, all_work = Work(), Work()
     certain, found = batch.solved(work), batch.searched(all_work)
     for name in ("pair", "verdict", "touches"):
@@ -91,7 +92,7 @@ def test_what_is_certain_is_what_the_search_finds(
 
 def test_an_interrupt_while_programs_are_asked_is_neither_lost_nor_said_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may come just as the kernel calls Python: where no `try` could catch an exception of a handler."""
-    batch = Batch.of(*throw(HIGH_LATITUDE, 4, 30, 30, EarthModel.WGS84, 0.0))
+    batch = Batch.of(*plain_scene(HIGH_LATITUDE, 4, 30, 30, EarthModel.WGS84, 0.0))
     lost: list[object] = []
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
 
@@ -116,7 +117,7 @@ def test_an_interrupt_while_programs_are_asked_is_neither_lost_nor_said_twice(mo
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
 def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_speed(workload: object) -> None:
-    batch = Batch.of(*throw(workload, 7, 25, 25, EarthModel.WGS84, 0.0))
+    batch = Batch.of(*plain_scene(workload, 7, 25, 25, EarthModel.WGS84, 0.0))
     found = batch.solved()
     assert (found.verdict == CONFLICT).sum() >= 50
     wide = np.flatnonzero(found.error_s > 1e-6)
@@ -135,7 +136,7 @@ def test_a_larger_tolerance_takes_no_more_work(workload: object, separation_m: f
     exact = None
     for tolerance_m in (0.0, 1.0, 100.0, 1000.0):
         work = Work()
-        Batch.of(*throw(workload, 11, 20, 30, EarthModel.WGS84, tolerance_m, separation_m)).solved(work)
+        Batch.of(*plain_scene(workload, 11, 20, 30, EarthModel.WGS84, tolerance_m, separation_m)).solved(work)
         steps = work.windows + work.evaluations
         exact = exact or steps
         assert steps <= 1.25 * exact
@@ -175,7 +176,7 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
 
 def test_answers_do_not_depend_on_the_company() -> None:
     """Each pair alone, bit for bit as among all others."""
-    batch = Batch.of(*throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0))
+    batch = Batch.of(*plain_scene(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0))
     together = batch.solved()
     for row in range(len(batch.questions)):
         alone = Batch(batch.scene, batch.prepared, batch.questions.take(np.array([row]))).solved()

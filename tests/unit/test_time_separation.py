@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import shapely
 from draws import draws
+from layouts import GROWING, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload
+from mixed_scenes import plain_scene
 from shifting import shifted, stretched, waiting, with_outlines
-from workloads import GROWING, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import (
     Area,
@@ -394,7 +395,7 @@ def test_a_conflict_is_one_of_some_shift(workload: Workload, separation_m: float
     rng = np.random.default_rng(1)
     seen = np.zeros(2, int)
     for seed in range(3):
-        scene, _, tracks = throw(workload, seed, 0, 4, tolerance_m=0.0, separation_m=separation_m)
+        scene, _, tracks = plain_scene(workload, seed, 0, 4, tolerance_m=0.0, separation_m=separation_m)
         for (a, b), time_s in product(combinations(map(with_outlines, tracks), 2), (300.0, 14_400.0)):
             found = rows(a, b, time_s=time_s, scene=scene)
             least = closest_shift_s(scene, a, b, time_s)
@@ -421,7 +422,7 @@ def test_a_conflict_is_one_of_some_shift(workload: Workload, separation_m: float
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, OCEAN], ids=lambda one: one.name)
 def test_more_time_is_a_superset_and_names_do_not_matter(workload: Workload) -> None:
-    scene, areas, tracks = throw(workload, 3, 6, 8)
+    scene, areas, tracks = plain_scene(workload, 3, 6, 8)
     areas = [
         replace(one, start_us=int(tracks[k].times_us[0]), end_us=int(tracks[k].times_us[-1]))
         for k, one in enumerate(areas)
@@ -483,7 +484,7 @@ def test_regions_contain_all_places_that_are_shared(workload: Workload) -> None:
     """The first contact of each shift is in the region; so is the first of all."""
     rng, seen = np.random.default_rng(2), 0
     for seed in range(2):
-        scene, areas, tracks = throw(workload, seed, 2, 7)
+        scene, areas, tracks = plain_scene(workload, seed, 2, 7)
         tracks = [with_outlines(one) for one in tracks]
         late = replace(scene, time_separation_s=86_400.0)
         for a, b in combinations(tracks, 2):
@@ -561,12 +562,12 @@ def test_times_of_others_do_not_matter_without_it(monkeypatch: pytest.MonkeyPatc
     """With 0 nothing of it runs."""
     for name in ("uses_by_spans", "uses_of_areas", "uses_of_tracks", "as_contacts", "with_wide_areas"):
         monkeypatch.setattr(f"conflictdb.core.run.{name}", None)
-    scene, areas, tracks = throw(LOW_LATITUDE, 1, 6, 6)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 1, 6, 6)
     assert len(rows(*areas, *tracks, time_s=0.0, scene=scene)) > 3
 
 
 def test_advice_counts_what_comes_within_that_time() -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 1, 5, 15)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 1, 5, 15)
     at_once, late = (advise(replace(scene, time_separation_s=time_s), areas, tracks) for time_s in (0.0, 3600.0))
     assert late.pairs > at_once.pairs
 
@@ -647,7 +648,7 @@ def test_a_proposal_of_a_speed_keeps_the_separation_in_time() -> None:
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
 def test_speeds_are_forbidden_that_bring_a_use_within_the_time_of_the_pair(workload: Workload) -> None:
     """The copies of a track have one owner, so that one `solve` compares each with all others."""
-    scene, areas, tracks = throw(workload, 5, 4, 10, tolerance_m=0.0)
+    scene, areas, tracks = plain_scene(workload, 5, 4, 10, tolerance_m=0.0)
     classes = ["one", "two"]
     tracks = [replace(one, object_class=classes[n % 2]) for n, one in enumerate(tracks)]
     rules = (Rule("one", "two", time_s=900.0), Rule("two", "area", time_s=60.0))
@@ -679,7 +680,7 @@ def test_speeds_are_forbidden_that_bring_a_use_within_the_time_of_the_pair(workl
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, OCEAN], ids=lambda one: one.name)
 def test_delays_are_forbidden_that_bring_a_use_within_that_time(workload: Workload) -> None:
     """Forbidden intervals are those without it, longer at both ends; of waits, `solve` says so."""
-    scene, areas, tracks = throw(workload, 5, 3, 6, tolerance_m=0.0)
+    scene, areas, tracks = plain_scene(workload, 5, 3, 6, tolerance_m=0.0)
     areas = [replace(one, start_us=int(tracks[0].times_us[0]), end_us=int(tracks[0].times_us[-1])) for one in areas]
     tracks = [with_outlines(one) for one in tracks]
     late = replace(scene, time_separation_s=1800.0)
