@@ -25,8 +25,9 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support")]
 
 import oracle
+from layouts import WORKLOADS
+from mixed_scenes import plain_scene
 from verdicts import Reported, care_of, compare
-from workloads import WORKLOADS, throw
 
 import conflictdb
 from conflictdb.errors import ConflictDBError
@@ -101,7 +102,7 @@ def forge(seed: int, count: int, folder: Path) -> Count:
     rng = random.Random(seed)  # noqa: S311 no secret
     workload = WORKLOADS[seed % len(WORKLOADS)]
     more = {"separation_m": 926.0} if seed % 5 == 4 else {}
-    scene, areas, tracks = throw(workload, seed, 2, 3, list(EarthModel)[seed % 2], **more)
+    scene, areas, tracks = plain_scene(workload, seed, 2, 3, list(EarthModel)[seed % 2], **more)
     conflictdb.certify(tracks, areas, folder / "proof", scene)
     text = (folder / "proof").read_text()
     given = check_proof.read(text.splitlines(keepends=True))
