@@ -95,7 +95,14 @@ TABLE attached_object (
     version bigint,
     reason text,
     is_taken boolean NOT NULL DEFAULT false,
-    since timestamp with time zone NOT NULL DEFAULT now()
+    since timestamp with time zone NOT NULL DEFAULT now(),
+    identity_json jsonb
+);
+
+TABLE attached_relation (
+    attachment_id bigint NOT NULL,
+    relation regclass NOT NULL,
+    is_root boolean NOT NULL
 );
 
 TABLE attachment (
@@ -111,7 +118,8 @@ TABLE attachment (
     attached_at timestamp with time zone NOT NULL DEFAULT now(),
     compared_at timestamp with time zone,
     failed_at timestamp with time zone,
-    error text
+    error text,
+    comparison_s double precision
 );
 
 TABLE branch_edit (
@@ -427,6 +435,11 @@ VIEW _accessible (
     is_owner boolean
 );
 
+VIEW _attached_table (
+    attachment_id bigint,
+    name text
+);
+
 VIEW _layer (
     seen_by bigint,
     scene_id bigint
@@ -434,6 +447,14 @@ VIEW _layer (
 
 VIEW _my_role (
     role name
+);
+
+VIEW _object_row (
+    scene_id bigint,
+    object_kind smallint,
+    object_id bigint,
+    table text,
+    identity_json jsonb
 );
 
 VIEW acknowledgements (
@@ -549,7 +570,11 @@ VIEW conflicts (
     a_name text,
     b_name text,
     lacking_s double precision,
-    certainty text
+    certainty text,
+    a_table text,
+    a_row jsonb,
+    b_table text,
+    b_row jsonb
 );
 
 VIEW map_areas (
@@ -658,7 +683,8 @@ VIEW scenes (
     expanded_from timestamp with time zone,
     expanded_until timestamp with time zone,
     branch_of text COLLATE C,
-    vertical_datum text
+    vertical_datum text,
+    compared_at timestamp with time zone
 );
 
 VIEW shares (
@@ -701,6 +727,8 @@ CONSTRAINT attached_change_pkey ON attached_change: PRIMARY KEY (attached_change
 CONSTRAINT attached_object_attachment_fkey ON attached_object: FOREIGN KEY (attachment_id) REFERENCES attachment(attachment_id) ON DELETE CASCADE;
 CONSTRAINT attached_object_mapped_or_told ON attached_object: CHECK ((num_nonnulls(object_id, reason) > 0));
 CONSTRAINT attached_object_pkey ON attached_object: PRIMARY KEY (attachment_id, identity);
+CONSTRAINT attached_relation_attachment_fkey ON attached_relation: FOREIGN KEY (attachment_id) REFERENCES attachment(attachment_id) ON DELETE CASCADE;
+CONSTRAINT attached_relation_pkey ON attached_relation: PRIMARY KEY (attachment_id, relation);
 CONSTRAINT attachment_every_positive ON attachment: CHECK ((every >= '00:00:01'::interval));
 CONSTRAINT attachment_failure_told ON attachment: CHECK (((failed_at IS NULL) = (error IS NULL)));
 CONSTRAINT attachment_kind_known ON attachment: CHECK ((object_kind = ANY (ARRAY[0, 1])));
@@ -811,6 +839,7 @@ CREATE INDEX area_scene_id_owner_btree ON conflictdb.area USING btree (scene_id,
 CREATE INDEX area_scene_id_scheduled_btree ON conflictdb.area USING btree (scene_id) WHERE (schedule IS NOT NULL);
 CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
 CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
+CREATE UNIQUE INDEX attached_relation_root_btree ON conflictdb.attached_relation USING btree (attachment_id) WHERE is_root;
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
@@ -833,6 +862,7 @@ CREATE INDEX track_scene_id_scheduled_btree ON conflictdb.track USING btree (sce
 CREATE TRIGGER acknowledgement_inserted BEFORE INSERT ON conflictdb.acknowledgement FOR EACH ROW EXECUTE FUNCTION _before_acknowledgement();
 CREATE TRIGGER acknowledgement_updated BEFORE UPDATE OF ended_at, ended_by ON conflictdb.acknowledgement FOR EACH ROW EXECUTE FUNCTION _before_acknowledgement();
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
+CREATE TRIGGER area_check_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _areas_inserted();
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
@@ -843,8 +873,12 @@ CREATE TRIGGER attached_change_updated AFTER UPDATE ON conflictdb.attached_chang
 CREATE TRIGGER attached_object_deleted AFTER DELETE ON conflictdb.attached_object REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE TRIGGER attached_object_inserted AFTER INSERT ON conflictdb.attached_object REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE TRIGGER attached_object_updated AFTER UPDATE ON conflictdb.attached_object REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_relation_deleted AFTER DELETE ON conflictdb.attached_relation REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_relation_inserted AFTER INSERT ON conflictdb.attached_relation REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
+CREATE TRIGGER attached_relation_updated AFTER UPDATE ON conflictdb.attached_relation REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_attached_written();
 CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _before_attachment() -- always;
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
+CREATE TRIGGER attachment_updated AFTER UPDATE ON conflictdb.attachment FOR EACH ROW WHEN (((new.identity_columns = '{}'::text[]) AND (old.identity_columns <> '{}'::text[]))) EXECUTE FUNCTION _after_attachment_opened();
 CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EACH ROW EXECUTE FUNCTION _branch_edit_before() -- always;
 CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
@@ -868,6 +902,7 @@ CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECU
 CREATE TRIGGER scene_replicated AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal() -- replicas;
 CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_resettled() -- always;
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before() -- always;
+CREATE TRIGGER track_check_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _tracks_inserted();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
@@ -894,6 +929,9 @@ FUNCTION _admission_marker()
 
 FUNCTION _after_attached_written()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _after_attachment_opened()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
 
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -937,9 +975,6 @@ FUNCTION _answer_request(p_probe_id bigint, p_error text, p_found jsonb, p_answe
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _are_above(p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean)
-    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
 FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_rules jsonb)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -951,6 +986,12 @@ FUNCTION _area_before()
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
     RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _areas_inserted()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _areas_overlap(p_a geometry, p_b geometry, p_by_m double precision)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _as_branch(p_new scene, p_old scene)
     RETURNS scene LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -967,8 +1008,17 @@ FUNCTION _at_sea(p_path geometry, p_departures timestamp with time zone[])
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _attached_name(p_attachment attachment)
+    RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamp with time zone[], p_has_times boolean)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _attached_problems(p_attachment attachment)
+    RETURNS text[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _attached_root(p_attachment attachment)
+    RETURNS oid LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _attached_rows(p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_reading text)
     RETURNS SETOF attached_plan LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -995,7 +1045,7 @@ FUNCTION _attachments(p_scene text)
     RETURNS SETOF attachments LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(attachment_id bigint, is_moved boolean) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_kind text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1045,9 +1095,6 @@ FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
 FUNCTION _beyond_horizon(p_scene text, p_span tstzrange)
     RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _box_deg(p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision, OUT east double precision, OUT north double precision)
-    RETURNS record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _box_is_near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1075,8 +1122,14 @@ FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_pi
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _ceiling_m(p_ceiling_m double precision, p_is_closed boolean)
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _centre_of_objects(p_scene_id bigint, OUT centre_lon double precision, OUT centre_lat double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _change_attachment(p_attachment attachment, p_changes jsonb, p_to regclass, p_every interval)
+    RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1087,6 +1140,9 @@ FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT t
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_area_shape(p_who text, p_scene_id bigint, p_footprint geometry)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1094,6 +1150,9 @@ FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers bool
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_attached_rows(p_who text, p_since text, p_attachment attachment, p_identity text, p_key text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_attachment(p_who text, p_kind smallint, p_table regclass, p_map jsonb, p_every interval, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text)
@@ -1189,6 +1248,9 @@ FUNCTION _check_tolerances(p_who text, p_tolerances jsonb, p_path geometry)
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_track_shape(p_who text, p_track track, p_is_new boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_unchanged(p_proposal_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1219,7 +1281,10 @@ FUNCTION _compare_pieces(p_scene_id bigint)
 FUNCTION _compared_early(p_scene_id bigint)
     RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _conflict_as_json(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange)
+FUNCTION _compared_every(p_every interval, p_has_triggers boolean)
+    RETURNS interval LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _conflict_as_json(p_a_id bigint, p_b_id bigint, p_periods tstzmultirange)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint, p_since timestamp with time zone)
@@ -1260,9 +1325,6 @@ FUNCTION _covering(p_region geometry, p_place geometry)
 
 FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
     RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _create_note(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1342,7 +1404,7 @@ FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _follow_attachment(p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
+FUNCTION _follow_attachment(p_attachment_id bigint, p_waits boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _follow_parent(p_branch_id bigint)
@@ -1369,11 +1431,17 @@ FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
 FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _given_piece(p_number bigint, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_turn integer)
+FUNCTION _given_piece(p_number bigint, p_kind smallint, p_object_id bigint, p_class bigint, p_owner bigint, p_part integer, p_turn integer, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _given_pieces(p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+    RETURNS SETOF piece LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _globe()
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _grown(p_part geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1383,6 +1451,9 @@ FUNCTION _half_open(p_span tstzrange, p_is_closed boolean)
 
 FUNCTION _half_open(p_spans tstzmultirange, p_is_closed boolean)
     RETURNS tstzmultirange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _half_vertical_m(p_scene_id bigint)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision, p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text, p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision, p_tolerance_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1396,6 +1467,9 @@ FUNCTION _has_key(p_scene_id bigint, p_key text)
 FUNCTION _height_on(p_whole_m double precision, p_heights_m double precision[], p_path geometry, p_leg integer, p_instant timestamp with time zone)
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _heights_meet(p_a_floor_m double precision, p_a_ceiling_m double precision, p_b_floor_m double precision, p_b_ceiling_m double precision)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _heights_on(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_path geometry, p_first integer, p_last integer, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1405,8 +1479,11 @@ FUNCTION _hidden_numbers(p_scene_id bigint)
 FUNCTION _history_kept(p_scene_id bigint)
     RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
+FUNCTION _hold_attached(p_who text, p_relation oid, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _hold_attachment(p_scene text, p_table text)
+    RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hold_probe(p_probe_id bigint, p_attempt integer)
     RETURNS boolean LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1417,14 +1494,20 @@ FUNCTION _hold_proposal(p_proposal_id bigint)
 FUNCTION _horizon(p_scene_id bigint, p_is_asked boolean, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint, OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _hulls_meet(p_a geometry, p_b geometry)
+FUNCTION _hulls_meet(p_a geometry, p_b geometry, p_padding_m double precision DEFAULT 0)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _identity_condition(p_columns text[], p_identity text)
     RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _identity_json(p_columns text[], p_types oid[], p_identity text)
+    RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _in_microseconds(p_path geometry)
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1441,6 +1524,9 @@ FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s do
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _is_awaited(p_attachment attachment)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1456,13 +1542,22 @@ FUNCTION _is_compared(p_attachment attachment)
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _is_due(p_attachment attachment)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _is_edited(p_scene_id bigint, p_key text)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _is_mine(p_attachment_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _is_moved(p_attachment attachment)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_once(p_activations tstzmultirange, p_schedule jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _is_parent_wider(p_branch scene)
@@ -1483,8 +1578,14 @@ FUNCTION _is_same_area(p_a area, p_b area)
 FUNCTION _is_same_track(p_a track, p_b track)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
-    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+FUNCTION _is_steady(p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb, p_departures timestamp with time zone[], p_schedule jsonb, p_grow_mps double precision)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_usual_course(p_path geometry, p_outline geometry, p_motion text)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_usual_footprint(p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_with(p_kind smallint, p_class bigint, p_numbers bigint[])
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1510,11 +1611,17 @@ FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds
 FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_sort=off SET jit=off;
 
+FUNCTION _last_run_s(p_scene_id bigint)
+    RETURNS double precision LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _layers(p_scene_id bigint)
     RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _leg(p_start geometry, p_end geometry)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1524,9 +1631,6 @@ FUNCTION _leg_with_heading(p_path geometry, p_leg integer, p_motion text, p_eart
 
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
-
-FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS boolean LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1591,14 +1695,20 @@ FUNCTION _may_change(p_scene_id bigint)
 FUNCTION _may_expand()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_bitmapscan=off SET jit=off;
+FUNCTION _may_have_triggers(p_table oid)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _members_of_plans()
     RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _met_by_place(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+
+FUNCTION _met_by_plans(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, periods tstzmultirange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _microseconds(p_at timestamp with time zone)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1608,6 +1718,9 @@ FUNCTION _middle_of(p_geometry geometry)
 
 FUNCTION _middle_x(p_geometry geometry, p_half_width double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _missing_table(p_problems text[])
+    RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _mixed(p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision)
     RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1654,7 +1767,7 @@ FUNCTION _object_with(p_scene_id bigint, p_key text, OUT object_kind smallint, O
 FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[], p_from_us bigint, p_until_us bigint)
+FUNCTION _objects_near(p_scene_id bigint, p_wanted_m double precision, p_from_us bigint, p_until_us bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text, is_stale boolean) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET jit=off;
 
 FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, INOUT p_owner text)
@@ -1671,6 +1784,9 @@ FUNCTION _open_outline(p_outline geometry)
 
 FUNCTION _order_reason(p_identity text)
     RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _out_m(p_shape geometry, p_plane text)
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1702,12 +1818,6 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _pending_near(p_scene_id bigint, p_span tstzrange, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS TABLE(object_kind smallint, object_id bigint) LANGUAGE sql STABLE PARALLEL SAFE;
-
-FUNCTION _pending_probed(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange) LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1717,20 +1827,14 @@ FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until
 FUNCTION _pieces_may_meet(p_a piece, p_b piece, p_within_s double precision, p_allowed jsonb)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
+FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
-
-FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_shape geometry DEFAULT NULL::geometry)
-    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_material=off SET jit=off;
 
-FUNCTION _pieces_of(p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry, p_shapes geometry, p_cuts timestamp with time zone[])
-    RETURNS TABLE(part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _places_of(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-    RETURNS TABLE(kind smallint, id bigint, place geometry, span tstzrange, floor_m double precision, ceiling_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+FUNCTION _pieces_of(p_row piece)
+    RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1749,6 +1853,9 @@ FUNCTION _point_of(p_degrees double precision[])
 
 FUNCTION _positions(p_geometry geometry, p_are_closed boolean)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _preview(p_attachment attachment, p_table regclass, p_former_columns text[], p_objects integer, OUT steps text[], OUT objects text[], OUT unmapped text[])
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _probe_failed(p_probe_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
@@ -1825,7 +1932,7 @@ FUNCTION _refuse_taken(p_name text)
 FUNCTION _refuse_truncate()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
+FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval, p_again boolean)
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _release_probe(p_probe_id bigint)
@@ -1852,8 +1959,20 @@ FUNCTION _require_snapshot()
 FUNCTION _retimed(p_path geometry, p_times_us bigint[], p_detour jsonb)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _rewatch_attached(p_attachment_id bigint)
+    RETURNS text LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=100ms;
+
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _rough_padding_m(p_out_m double precision, p_reach_m double precision, p_wanted_m double precision, p_plane text)
+    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _rough_pieces(p_scene_id bigint, p_wanted_m double precision, p_area_ids bigint[], p_track_ids bigint[])
+    RETURNS TABLE(rough piece, shape geometry, padding_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _rough_pieces_at(p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_classes bigint[], p_owners bigint[], p_are_known boolean[], p_places geometry[], p_reaches_m double precision[], p_spans tstzmultirange[], p_floors_m double precision[], p_ceilings_m double precision[])
+    RETURNS TABLE(rough piece, shape geometry, padding_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea, OUT marks bytea, OUT with_numbers bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
@@ -1879,6 +1998,9 @@ FUNCTION _sag(p_angle double precision, p_first geometry, p_last geometry)
 FUNCTION _scene(p_scene_id bigint)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _scene_alarms()
+    RETURNS TABLE(scene text, is_current boolean, waiting_since timestamp with time zone, unmapped bigint, last_error text, tables jsonb) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _scene_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1903,7 +2025,7 @@ FUNCTION _scene_or_branch_to_change(p_scene text)
 FUNCTION _scene_settings(p_scene_id bigint)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone)
+FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone, OUT compared_at timestamp with time zone, OUT detection_helps boolean)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _scene_to_change(p_scene text)
@@ -1915,8 +2037,8 @@ FUNCTION _scenes()
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _scheduled_near(p_scene_id bigint, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS TABLE(object_kind smallint, object_id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
+FUNCTION _scheduled_near(p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+    RETURNS TABLE(key text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _schedules_wait(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
@@ -2017,6 +2139,9 @@ FUNCTION _spans_of(p_text text)
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _stage_attached(p_attachment attachment, p_problems text[], p_change_ids bigint[], p_is_full boolean, p_how text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
+
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
     RETURNS TABLE(object_id bigint, key text, path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text, properties jsonb, grow_mps double precision, outlines geometry, floors_m double precision[], ceilings_m double precision[], class text, owner text, tolerances jsonb, departures timestamp with time zone[], schedule jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2074,6 +2199,9 @@ FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
 FUNCTION _timed_path(p_who text, p_waypoints geometry, p_times timestamp with time zone[])
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _times_meet(p_a tstzrange, p_b tstzrange, p_within_s double precision)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _to_micrometres(p_height_m double precision, p_more_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -2083,8 +2211,23 @@ FUNCTION _to_plane(p_geometry geometry, p_plane text)
 FUNCTION _track_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _track_reach_m(p_track track)
+    RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
     RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _track_span(p_track track)
+    RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _tracks_inserted()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _uncut_hull(p_scene scene, p_place geometry, p_reach_m double precision, p_wanted_m double precision)
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _uncut_pieces(p_scene_id bigint, p_wanted_m double precision, p_with_schedules boolean, p_span tstzrange)
+    RETURNS SETOF piece LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _under_way(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
     RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2095,17 +2238,29 @@ FUNCTION _unmapped(p_scene text)
 FUNCTION _unseen_hidden(p_branch_id bigint, p_parent_id bigint)
     RETURNS TABLE(object_kind smallint, object_id bigint) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _views_compared_at(p_scene_id bigint)
+    RETURNS timestamp with time zone LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _voyages(p_path geometry, p_departures timestamp with time zone[])
     RETURNS TABLE(later interval) LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _wait_class()
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
     RETURNS TABLE(plan_key text, kind smallint, key text, name text, verdict text, periods bytea, time_error_s double precision, first_contact_lon_deg double precision, first_contact_lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _wait_number(p_scene_id bigint)
+    RETURNS integer LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _wake_workers()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _wanted_m(p_scene_id bigint)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _warn_if_beyond_horizon(p_scene text, p_span tstzrange)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2115,6 +2270,9 @@ FUNCTION _warn_if_incomplete(p_scene text)
 
 FUNCTION _warn_if_no_object(p_scene text, p_key text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _watch_attached(p_attachment attachment, p_root oid, p_enables boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _wgs84_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -2164,7 +2322,7 @@ FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval)
+FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_again boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
 
 FUNCTION branch_conflicts(p_branch text)
@@ -2242,7 +2400,10 @@ FUNCTION list_objects(p_scene text)
 FUNCTION merge_branch(p_branch text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
-FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
+FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5, p_again boolean DEFAULT false)
+    RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION preview_reattachment(p_scene text, p_table text, p_changes jsonb DEFAULT NULL::jsonb, p_to regclass DEFAULT NULL::regclass, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
     RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
@@ -2268,6 +2429,9 @@ FUNCTION put_rule(p_scene text, p_a_class text, p_b_class text, p_separation_m d
 
 FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb, p_departures timestamp with time zone[] DEFAULT NULL::timestamp with time zone[], p_schedule jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION reattach(p_scene text, p_table text, p_changes jsonb DEFAULT NULL::jsonb, p_to regclass DEFAULT NULL::regclass, p_every interval DEFAULT NULL::interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
