@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
+from conflictdb.arrays.ragged import offsets
+from conflictdb.kernel.rows import interleaved
 from conflictdb.model.results import Verdict
 from conflictdb.store import copy_binary
 from conflictdb.store.conflict_encoding import columns_of
@@ -41,7 +43,8 @@ class NewRows:
     scene : its name; None if listeners must not know it
     conflict_ids, event_ids : (n,) reserved ids
     objects : (m,) numbers of all objects in these conflicts, increasing (_object_number)
-    keys, keys_json : (m,) their keys, plain and as JSON
+    keys, keys_column : (m,) their keys
+    named : (m + 1,) what an event adds for each object: its key as JSON; the last is empty
     first_versions : (m,) the first version with that number; greater than every version if the object was removed
     taken : how many of the ids are used
     """
@@ -55,7 +58,8 @@ class NewRows:
     event_ids: NDArray[np.int64]
     objects: NDArray[np.int64]
     keys: NDArray[np.object_]
-    keys_json: NDArray[np.object_]
+    keys_column: copy_binary.Ragged
+    named: copy_binary.Ragged
     first_versions: NDArray[np.int64]
     taken: int = 0
 
@@ -99,6 +103,7 @@ def begin_new(
     if run_id is None:
         return None
     names = ["" if key is None else key for key in keys]
+    plain = [name.encode() for name in names]
     return NewRows(
         scene_id,
         run_id,
@@ -108,8 +113,9 @@ def begin_new(
         copy_binary.int8_array(conflict_ids),
         copy_binary.int8_array(event_ids),
         objects,
-        np.array([name.encode() for name in names], dtype=object),
-        np.array([json.dumps(name, ensure_ascii=False).encode() for name in names], dtype=object),
+        np.array(plain, dtype=object),
+        copy_binary.Ragged.of(plain),
+        copy_binary.Ragged.of([*(b", " + json.dumps(name, ensure_ascii=False).encode() for name in names), b""]),
         np.array([_NEVER if first is None else first for first in first_versions], np.int64),
     )
 
@@ -126,7 +132,8 @@ def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region
     )
     there = np.flatnonzero((new.first_versions[a] <= found.a_version) & (new.first_versions[b] <= found.b_version))
     # The area comes first, else the smaller key.
-    turned = (found.a_kind == found.b_kind) & (new.keys[b] < new.keys[a])
+    turned = found.a_kind == found.b_kind
+    turned[turned] = new.keys[b[turned]] < new.keys[a[turned]]
     a, b = np.where(turned, b, a), np.where(turned, a, b)
     found = found.turned(turned)
     if len(there) < len(found):
@@ -138,8 +145,8 @@ def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region
     columns = columns_of(found, region) | {
         "scene_id": copy_binary.fixed(np.full(n, new.scene_id), "i8"),
         "run_id": copy_binary.fixed(np.full(n, new.run_id), "i8"),
-        "a_key": copy_binary.Ragged.of(new.keys[a].tolist()),
-        "b_key": copy_binary.Ragged.of(new.keys[b].tolist()),
+        "a_key": new.keys_column.take(a),
+        "b_key": new.keys_column.take(b),
         "method": np.tile(np.frombuffer(new.method.encode(), np.uint8), (n, 1)),
         "found_at": began_at,
         "digest": copy_binary.fixed(digest, "i8"),
@@ -157,9 +164,7 @@ def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region
         "at": began_at[opens],
         "opened_at": began_at[opens],
     }
-    payloads = _notifications(
-        new.scene, new.run_id, event_ids.tolist(), new.keys_json[a[opens]].tolist(), new.keys_json[b[opens]].tolist()
-    )
+    payloads = _notifications(new, event_ids, a[opens], b[opens])
     return Finished(
         new.run_id,
         (list(columns), copy_binary.rows(columns)),
@@ -179,21 +184,29 @@ def copy_new(conn: psycopg.Connection[Any], finished: Finished) -> int:
 
 
 def _notifications(
-    scene: str | None, run_id: int, event_ids: list[int], a_keys: list[bytes], b_keys: list[bytes]
+    new: NewRows, event_ids: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]
 ) -> list[bytes]:
     """Return what tells of new conflicts, as _notify_events does: as many payloads as that takes."""
-    of = json.dumps({"scene": scene, "run": run_id, "kind": "opened"}, ensure_ascii=False)
+    of = json.dumps({"scene": new.scene, "run": new.run_id, "kind": "opened"}, ensure_ascii=False)
     head = of[:-1].encode() + b', "events": ['
-    if scene is None:
-        events = [b"[%d]" % number for number in event_ids]
-    else:
-        events = [b"[%d, %b, %b]" % event for event in zip(event_ids, a_keys, b_keys, strict=True)]
-    events = [
-        event if len(event) <= _EVENT_BYTES - 2 else b"[%d]" % number
-        for number, event in zip(event_ids, events, strict=True)
-    ]
+    digits, sizes = _decimal(event_ids), np.diff(new.named.offset)
+    length = len("[]") + np.diff(digits.offset) + sizes[a] + sizes[b]
+    is_short = (length > _EVENT_BYTES - 2) | (new.scene is None)
+    nobody = len(new.objects)
+    one, other = (new.named.take(np.where(is_short, nobody, of)) for of in (a, b))
+    opening, closing = (np.tile(np.frombuffer(mark, np.uint8), (len(a), 1)) for mark in (b"[", b"], "))
     # Two events are separated by a comma and a space.
+    parts = [opening, *((column.data, column.offset) for column in (digits, one, other)), closing]
+    text, ends = interleaved(parts).tobytes(), np.cumsum(np.where(is_short, length - sizes[a] - sizes[b], length) + 2)
     room = max(_PAYLOAD_BYTES - _EVENT_BYTES - len(head), 1)
-    chunk = np.cumsum([len(event) + 2 for event in events], dtype=np.int64) // room
-    bounds = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(events)]
-    return [head + b", ".join(events[first:end]) + b"]}" for first, end in pairwise(bounds) if first < end]
+    bounds = [0, *ends[np.flatnonzero(np.diff(ends // room))].tolist(), *ends[-1:].tolist()]
+    return [head + text[first : end - 2] + b"]}" for first, end in pairwise(bounds)]
+
+
+def _decimal(numbers: NDArray[np.int64]) -> copy_binary.Ragged:
+    """Return numbers (n,), none of them negative, as decimal text."""
+    places = len(str(int(numbers.max(initial=0))))
+    digits = numbers[:, None] // 10 ** np.arange(places - 1, -1, -1, dtype=np.int64)
+    length = places - np.count_nonzero(digits[:, :-1] == 0, axis=1)
+    is_there = np.arange(places) >= places - length[:, None]
+    return copy_binary.Ragged((digits % 10 + ord("0")).astype(np.uint8)[is_there], offsets(length))

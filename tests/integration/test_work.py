@@ -15,6 +15,7 @@ from made_scenes import Kind, box, sea
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import Area, Scene, Track, connect, store
+from conflictdb.core import conflict_regions
 from conflictdb.jobs import schema
 from conflictdb.jobs.detect import Run, detect
 from conflictdb.store.parameters import Array
@@ -126,7 +127,8 @@ def touched(conn: Conn) -> Callable[[str], int]:
     return count
 
 
-# Counts of a first detection, where every row is new; received and sent are kilobytes, 154 bytes per row of its box.
+# Counts of a first detection, where every row is new; received and sent are kilobytes.
+# corners: of all regions.
 FIRST = {
     "box": {
         "pieces": 600,
@@ -137,9 +139,10 @@ FIRST = {
         "evaluations": 4828,
         "searched_pairs": 0,
         "written": 1583,
+        "corners": 18686,
         "statements": 27,  # two of them limit the waits for locks, one for each transaction
         "commits": 2,
-        "sent": 1729,
+        "sent": 1498,
         "received": 601,
     },
     "sea": {
@@ -151,6 +154,7 @@ FIRST = {
         "evaluations": 3924,
         "searched_pairs": 0,
         "written": 324,
+        "corners": 2301,
         "statements": 27,  # two of them limit the waits for locks, one for each transaction
         "commits": 2,
         "sent": 1197,
@@ -231,8 +235,18 @@ def test_a_detection_in_full_mends_pieces_and_leaves_the_others(conn: Conn, touc
 
 
 @pytest.mark.parametrize("name", list(FIRST))
-def test_work_does_not_grow(conn: Conn, traffic: Traffic, touched: Callable[[str], int], name: str) -> None:
+def test_work_does_not_grow(
+    conn: Conn, traffic: Traffic, touched: Callable[[str], int], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """For a first detection, for a second one, which writes no row, and for one change, by the rows it touches."""
+    united: list[int] = []
+    make = conflict_regions._united_in_degrees
+
+    def counted_unions(plane: Any, ring: Any, ring_offset: Any, offset: Any, limit_m: float) -> Any:
+        united.append(len(offset) - 1)
+        return make(plane, ring, ring_offset, offset, limit_m)
+
+    monkeypatch.setattr(conflict_regions, "_united_in_degrees", counted_unions)
     scene, areas, tracks = scene_of(name)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
 
@@ -241,8 +255,16 @@ def test_work_does_not_grow(conn: Conn, traffic: Traffic, touched: Callable[[str
     first = traffic.since(began)
     counted = {**asdict(run), **effort(conn, run), **asdict(first), "pieces": touched("piece")}
     counted |= {"written": touched("conflict"), "sent": first.sent // 1000, "received": first.received // 1000}
+    query = (
+        "SELECT sum(ST_NPoints(region) - ST_NRings(region)), count(*) FILTER (WHERE region IS NULL) "
+        "FROM conflictdb.conflict"
+    )
+    counted["corners"], unknown = conn.execute(query).fetchone() or (0, 0)
+    conn.rollback()
     assert run.conflicts == counted["written"] > 0
     assert not grown(counted, FIRST[name])
+    assert unknown == 0
+    assert sum(united) <= 0.01 * run.conflicts  # all others are regions of the kernel, without GEOS
 
     began = replace(traffic)
     again = detect(conn, scene.name, jobs=1, full=True)
