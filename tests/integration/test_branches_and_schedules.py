@@ -60,8 +60,7 @@ def solved(*objects: Area | Track) -> dict[tuple[str, str], Any]:
     return said(conflictdb.solve([one for one in objects if isinstance(one, Track)], areas, SETTINGS))
 
 
-@pytest.mark.parametrize("has_schedules", [False, True])
-@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize(("has_schedules", "full"), [(False, True), (True, False)])
 def test_a_branch_answers_as_solve_does(db: Database, has_schedules: bool, full: bool) -> None:
     """Schedules are put, edited and removed in a branch of a scene with or without schedules, which is then merged."""
     daily = area("daily", AT_NOON if has_schedules else None, west=5.0)

@@ -81,7 +81,7 @@ NEAR_IN_TIME = pytest.mark.parametrize(
 
 @NEAR_IN_TIME
 def test_a_probe_looks_as_far_as_its_plan(db: Database, plan: Area | Track, settings: dict[str, Any]) -> None:
-    """Of one plan, of several and within an edit: as the plan entered by hand; the scene stays current."""
+    """Of one plan, of several, admitted, and within an edit: as the plan entered by hand; the scene stays current."""
     scene = stored(db, [AREA, voyage("far", lat=10.0)], **settings)
     entered = Area(
         "S",
@@ -94,6 +94,8 @@ def test_a_probe_looks_as_far_as_its_plan(db: Database, plan: Area | Track, sett
     assert found.is_current
     several = scene.probe([plan, voyage("other", lat=-10.0)])
     assert said(several) == [expected]
+    refused = scene.admit(plan)
+    assert (bool(refused), said(refused.conflicts)) == (False, [expected])
     scene.put(Area("new", shapely.box(80, 0, 81, 1)))
     with pytest.warns(IncompleteWarning):
         assert said(scene.probe(plan)) == [expected]
@@ -131,18 +133,6 @@ def test_a_schedule_that_is_not_understood_is_unresolved(db: Database) -> None:
     with pytest.warns(IncompleteWarning):
         assert [one[2] for one in said(scene.probe(voyage()))] == ["unresolved"]
     assert not scene.admit(voyage())
-
-
-@NEAR_IN_TIME
-def test_admission_looks_as_far_as_its_plan(db: Database, plan: Area | Track, settings: dict[str, Any]) -> None:
-    scene = stored(db, [AREA], **settings)
-    refused = scene.admit(plan)
-    assert not refused
-    assert said(refused.conflicts) == said(scene.probe(plan))
-    free = voyage("free", START_US + 9 * HOUR_US)
-    assert scene.admit(free)
-    scene.detect()
-    assert not scene.conflicts()
 
 
 def test_plans_without_an_end_are_known_until_the_horizon(db: Database) -> None:

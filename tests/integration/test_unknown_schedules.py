@@ -1,6 +1,5 @@
 """A stored object whose schedule is not understood is unresolved; every question about its scene is answered."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -69,7 +68,7 @@ def spoilt(db: Database, request: pytest.FixtureRequest) -> tuple[StoredScene, s
     return scene, key
 
 
-def test_questions_are_answered_and_name_it(spoilt: tuple[StoredScene, str], tmp_path: Path) -> None:
+def test_questions_are_answered_and_name_it(spoilt: tuple[StoredScene, str]) -> None:
     scene, key = spoilt
     known = [one for one in PLANS if one.key != key]
     areas, tracks = ([one for one in known if isinstance(one, kind)] for kind in (Area, Track))
@@ -89,37 +88,31 @@ def test_questions_are_answered_and_name_it(spoilt: tuple[StoredScene, str], tmp
         assert {one.key for one in scene.speeds()} == found.keys() - {key}
     with pytest.warns(UnknownScheduleWarning, match=f"'{key}'"):
         scene.resolve(within_s=3 * 3600.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnknownScheduleWarning)
-        scene.advise()
-        scene.report(tmp_path / "report.pdf")
-        scene.plot()
     pairs_before = pairs
     scene.detect(full=True)
     assert {(one.a_key, one.b_key): one.verdict for one in scene.conflicts()} == pairs_before
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("delays",),
-        ("speeds",),
-        ("resolve",),
-        ("advise",),
-        ("report", "{}/report.pdf"),
-        ("plot", "{}/plot.png"),
-        ("map", "--html", "{}/map.html"),
-        ("export", "{}/plans.geojson"),
-    ],
-    ids=lambda command: command[0],
+COMMANDS = (
+    ("delays",),
+    ("speeds",),
+    ("resolve",),
+    ("advise",),
+    ("report", "{}/report.pdf"),
+    ("plot", "{}/plot.png"),
+    ("map", "--html", "{}/map.html"),
+    ("export", "{}/plans.geojson"),
 )
+
+
 def test_commands_go_on_and_name_it_once(
-    spoilt: tuple[StoredScene, str], command: tuple[str, ...], dsn: str, tmp_path: Path, capsys: Any
+    spoilt: tuple[StoredScene, str], dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, key = spoilt
-    done = runner(dsn, capsys)(*(one.format(tmp_path) for one in command), "--scene", "plans")
-    assert done.code in (0, 1), done.err
-    assert done.err.count(f"'{key}': schedule is not understood") == (command[0] != "export"), done.err
+    for name, *words in COMMANDS:
+        done = runner(dsn, capsys)(name, *(one.format(tmp_path) for one in words), "--scene", "plans")
+        assert done.code in (0, 1), (name, done.err)
+        assert done.err.count(f"'{key}': schedule is not understood") == (name != "export"), (name, done.err)
 
 
 def test_objects_of_a_caller_are_still_refused() -> None:
