@@ -20,7 +20,8 @@ EXPORTS: Final = (
     "kernel_abi", "kernel_fingerprint", "kernel_free", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",
     "kernel_differences", "kernel_difference_parts", "kernel_height_overlaps", "kernel_level_shifts", "kernel_hulls",
     "kernel_apart", "kernel_distances", "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees",
-    "kernel_mitred", "kernel_may_meet",
+    "kernel_mitred", "kernel_may_meet", "kernel_box_pairs", "kernel_uses", "kernel_use_times", "kernel_merge",
+    "kernel_approaches", "kernel_deepest",
     "malloc", "free",
 )  # fmt: skip
 

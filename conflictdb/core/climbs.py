@@ -33,12 +33,6 @@ def sharing_heights(pieces: Pieces, pairs: Pairs) -> Pairs:
     return pairs.take(PairRows(np.flatnonzero(first <= last)))
 
 
-def surely_overlap(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether the heights of pieces overlap whenever both exist."""
-    floor, ceiling = pieces.climb_m[:, :2].max(axis=1), pieces.climb_m[:, 2:].min(axis=1)
-    return np.asarray((floor[a] < ceiling[b]) & (floor[b] < ceiling[a]))
-
-
 def with_heights(pieces: Pieces, shifts: Shifts) -> tuple[_Ints, Shifts, Floats]:
     """Return pairs of pieces with times of their own, cut to the times when their heights may overlap.
 

@@ -1,12 +1,7 @@
-"""How deep pairs of objects undercut their required separation, and when most: the worst instant of a conflict.
+"""How deep pairs of objects undercut their required separation, and when most: the worst instant of a conflict."""
 
-The signed separation of two pieces in uniform motion is convex in time, so that a few instants around the least of some
-samples find the worst one.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +17,9 @@ from conflictdb.core.separations import Separations
 from conflictdb.core.stage2_intersection import intersections
 from conflictdb.core.world import World, occupy
 from conflictdb.earth.plane import Plane
-from conflictdb.kernel.meeting import distances
+from conflictdb.kernel.meeting import deepest
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Kind
-
-_SAMPLES: Final = 9  # of the shared time of two pieces
-_STEPS: Final = 32  # a golden section each: the worst instant of an hour to a millisecond
-_GOLDEN: Final = (5.0**0.5 - 1.0) / 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,35 +81,8 @@ def _of_pieces(plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows) -> tupl
     if known.size:
         one, other = a[known], b[known]
         prepared = kernel.KernelScene(plane.kernel_plane, pieces, one, other)
-
-        def measured(at_s: Floats) -> Floats:
-            found = distances(prepared, one, other, zero_us[known], at_s)
-            return np.where(np.isnan(found), np.inf, found)
-
-        least_m, when_s = _least(measured, low_s[known], high_s[known])
+        least_m, when_s = deepest(prepared, one, other, zero_us[known], low_s[known], high_s[known])
         depth_m[known] = -least_m
         moves = is_bounded[known]
         at_us[known[moves]] = zero_us[known[moves]] + np.round(1e6 * when_s[moves]).astype(np.int64)
     return depth_m, at_us
-
-
-def _least(measured: Callable[[Floats], Floats], low_s: Floats, high_s: Floats) -> tuple[Floats, Floats]:
-    """Return the least values (n,) of functions that fall and rise again from low_s to high_s, and where they are."""
-    width_s = (high_s - low_s) / (_SAMPLES - 1)
-    values = np.stack([measured(low_s + k * width_s) for k in range(_SAMPLES)])
-    nearest = np.argmin(values, axis=0)
-    least, when_s = values[nearest, np.arange(len(low_s))], low_s + nearest * width_s
-    left, right = np.maximum(low_s, when_s - width_s), np.minimum(high_s, when_s + width_s)
-    first, second = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
-    at_first, at_second = measured(first), measured(second)
-    for _ in range(_STEPS):
-        for at_s, value in ((first, at_first), (second, at_second)):
-            is_less = value < least
-            least, when_s = np.where(is_less, value, least), np.where(is_less, at_s, when_s)
-        is_left = at_first < at_second
-        left, right = np.where(is_left, left, first), np.where(is_left, second, right)
-        asked_s = np.where(is_left, right - _GOLDEN * (right - left), left + _GOLDEN * (right - left))
-        value = measured(asked_s)
-        first, second = np.where(is_left, asked_s, second), np.where(is_left, first, asked_s)
-        at_first, at_second = np.where(is_left, value, at_second), np.where(is_left, at_first, value)
-    return least, when_s

@@ -29,15 +29,7 @@ from conflictdb.core.published.stage3_projection import windows
 from conflictdb.core.separations import Separations
 from conflictdb.core.stage2_intersection import intersections
 from conflictdb.core.stage4.contact_search import contacts, static_verdicts
-from conflictdb.core.uses import (
-    Uses,
-    as_contacts,
-    uses_by_spans,
-    uses_of_areas,
-    with_lacking,
-    with_ordered_times,
-    with_wide_areas,
-)
+from conflictdb.core.uses import Uses, as_contacts, uses_of_contacts, with_wide_areas
 from conflictdb.core.uses_of_tracks import uses_of_tracks
 from conflictdb.core.whole_areas import Footprints
 from conflictdb.earth.plane import Plane
@@ -226,17 +218,14 @@ def _merged_uses(
     contacts : those that last while both are there, and those of tracks with areas
     tracks : the pairs of tracks to decide
     """
-    parts = [
-        make(setup.scene, pieces, prepared, pairs, some, jobs)
-        for make, some in zip((uses_by_spans, uses_of_areas), contacts, strict=True)
-    ]
     work = kernel.Work()
+
+    def uses_of(some: Contacts, *, is_whole: bool) -> Uses:
+        return uses_of_contacts(setup.scene, pieces, prepared, pairs, some, jobs, is_whole=is_whole)
 
     def undecided(rows: NDArray[np.int64]) -> Uses:
         heights = overlap_at_one_time(prepared.pieces, pairs.a, pairs.b)
-        return uses_by_spans(
-            setup.scene, pieces, prepared, pairs, _unresolved(prepared.pieces, heights, pairs, PairRows(rows)), jobs
-        )
+        return uses_of(_unresolved(prepared.pieces, heights, pairs, PairRows(rows)), is_whole=True)
 
     found_of_tracks = isolated(
         tracks,
@@ -244,17 +233,21 @@ def _merged_uses(
         undecided,
         "pair of pieces",
     )
-    parts += [found for _, found in found_of_tracks]
+    uses = Uses.concatenate(
+        [
+            uses_of(contacts[0], is_whole=True),
+            uses_of(contacts[1], is_whole=False),
+            *(found for _, found in found_of_tracks),
+        ]
+    )
     # Not its closed forms, several of which serve one pair.
     funnel.effort.exact.windows += work.windows
     funnel.effort.exact.evaluations += work.evaluations
     funnel.solved_pairs += len(tracks)
     funnel.window_pairs += len(tracks)
-    uses = with_ordered_times(pieces, pairs, setup.scene.time_separation_us, Uses.concatenate(parts))
     funnel.met_pairs = len(np.unique(uses.pair))
     prepared, pairs, found = as_contacts(setup.plane, pieces, pairs, uses)
-    conflicts, meetings = merged_by_object(setup, prepared, pairs, found, footprints, jobs, uses.first_deg)
-    return with_lacking(conflicts, prepared, pairs, uses), meetings
+    return merged_by_object(setup, prepared, pairs, found, footprints, jobs, uses.first_deg, uses.lacking_s)
 
 
 def _at_one_time(plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[kernel.KernelScene, Pairs]:

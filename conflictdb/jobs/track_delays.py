@@ -84,6 +84,23 @@ def read_departing(
     return _read(conn, scene, key, lambda _: question)
 
 
+def read_near(
+    conn: psycopg.Connection[Any], scene: str, key: str, within_m: float
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene, an object, and what comes within so many metres of it at its times and heights.
+
+    Without the object the scene has none of this key. Raises InvalidInput if the scene does not exist.
+    """
+    with store.snapshot(conn):
+        keys = None
+        if store.scene_state(conn, scene).is_current:
+            _, areas, tracks = store.read_scene(conn, scene, [key])
+            question = Question(within_m=within_m)
+            plans: list[Area | Track] = [*areas, *tracks]
+            keys = [one for plan in plans for one in _around(conn, scene, plan, question)] + [key]
+        return store.read_scene(conn, scene, keys)
+
+
 def read_around(conn: psycopg.Connection[Any], scene: str, track: Track) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene and what a track, stored or not, may meet; raises InvalidInput if the scene does not exist."""
     with store.snapshot(conn):
@@ -108,30 +125,31 @@ def _read(
         return store.read_scene(conn, scene, keys)
 
 
-def _around(conn: psycopg.Connection[Any], scene: str, track: Track, question: Question) -> list[str]:
-    """Return the keys of the objects whose boxes a track may meet, or come near to, in all layers of a scene.
+def _around(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, question: Question) -> list[str]:
+    """Return the keys of the objects whose boxes a plan may meet, or come near to, in all layers of a scene.
 
-    Where that is beyond the time over which schedules are expanded, also all objects with a schedule near its way.
+    Where that is beyond the time over which schedules are expanded, also all objects with a schedule near it.
     """
     number = store.scene_or_branch_id(conn, scene)
     settings = store.read_settings(conn, number)
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
-    pieces = _reaching(settings, TrackBatch.of([track]), question)
-    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, pieces, track.key)]
-    span, window = touched([track], settings, Reach.either(question.within_us)), store.stored_window(conn, number)
-    if has_schedules([track]) or not is_within(span, window):
+    pieces = _reaching(settings, plan, question)
+    keys = [one for layer in layers for one in store.keys_meeting(conn, layer, pieces, plan.key)]
+    span, window = touched([plan], settings, Reach.either(question.within_us)), store.stored_window(conn, number)
+    if has_schedules([plan]) or not is_within(span, window):
         # It may have no voyage in the window.
-        pieces = _reaching(settings, TrackBatch.of([track], once=True), question)
+        pieces = _reaching(settings, plan, question, once=True)
         keys += [one for layer in layers for one in store.scheduled_keys_near(conn, layer, pieces)]
     return keys
 
 
-def _reaching(settings: Scene, tracks: TrackBatch, question: Question) -> Pieces:
-    """Return pieces of tracks whose boxes meet those of all that they may meet, or come near to, as asked."""
+def _reaching(settings: Scene, plan: Area | Track, question: Question, *, once: bool = False) -> Pieces:
+    """Return pieces of a plan whose boxes meet those of all that it may meet, or come near to, as asked."""
     within_m = question.within_m
     wide = widened(settings, settings.largest_separation_m + within_m) if within_m else settings
-    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), tracks)
+    areas, tracks = ([plan], []) if isinstance(plan, Area) else ([], [plan])
+    pieces = pieces_of(Setup.of(wide), AreaBatch.of(areas), TrackBatch.of(tracks, once=once))
     horizon_us = question.within_us + settings.longest_time_us
     pieces = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
     if not question.any_height:

@@ -40,7 +40,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 25
+#define KERNEL_ABI 26
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -68,6 +68,10 @@
 
 /* Instants lie within plus and minus this, microseconds, so that their differences fit into 64 bits. */
 #define KERNEL_LATEST_US (INT64_C(1) << 61)
+
+/* Instants of spans without a beginning or an end. */
+#define KERNEL_MINUS_INFINITY_US INT64_MIN
+#define KERNEL_INFINITY_US INT64_MAX
 
 /* Seconds of a pair lie within plus and minus this, the largest difference of two 64-bit instants. */
 #define KERNEL_LONGEST_S (0x1p64 / 1e6)
@@ -296,6 +300,14 @@ KERNEL_API KernelStatus kernel_meetings(const KernelScene *scene, const KernelPa
  */
 KERNEL_API KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
 
+/* Find the least distance of pairs (kernel_distances: minus the depth of overlaps) during [low_s, high_s], where it falls and
+ * rises again, as that of two convex pieces in uniform motion does.
+ *
+ * least_m : (count,) the least that was seen; INFINITY if it is unknown
+ * at_s : (count,) when that is
+ */
+KERNEL_API KernelStatus kernel_deepest(const KernelScene *scene, const KernelPairs *pairs, double *least_m, double *at_s);
+
 /* Groups of pairs, such as all pairs of pieces of two objects: group g has the pairs [offset[g], offset[g + 1]). */
 typedef struct {
     int64_t count;
@@ -432,13 +444,99 @@ KERNEL_API KernelStatus kernel_directions(const KernelScene *scene, const Kernel
 KERNEL_API KernelStatus kernel_proof_boxes(const KernelScene *scene, const KernelRows *rows, const double *t0, const double *t1,
                                            double separation_m, double *box);
 
+/* Pairs of pieces of tracks that are asked for uses of one place. */
+typedef struct {
+    int64_t count, within_us; /* T: how far apart in time */
+    double separation_m, tolerance_m;
+    const int64_t *a, *b; /* (count,) indices of pieces */
+} KernelUsesAsked;
+
+/* A use of one place by two pieces within T. */
+typedef struct {
+    int64_t a_start_us, a_end_us, b_start_us, b_end_us; /* when each is at a place that the other uses within T, as outer
+                                                           bounds; KERNEL_MINUS_INFINITY_US and KERNEL_INFINITY_US where
+                                                           unbounded */
+    double error_s;                    /* each end lies at most this far outside of the true one */
+    double lacking_s, lacking_error_s; /* at most so much of T is missed, and how much less it may be; NaN if unknown */
+    double first_lon_deg, first_lat_deg; /* where it begins; NaN if unknown */
+    int32_t verdict, touches;            /* as KernelContact */
+    int32_t is_use;                      /* 0: the pair has none */
+} KernelUse;
+
+/* Find the uses of one place by pairs of tracks within T: A at u and B at v come within the separation, or the tolerance of
+ * it, for instants u and v at most T apart. One use a pair at most.
+ *
+ * pieces : those of the scene
+ * uses : (count,)
+ */
+KERNEL_API KernelStatus kernel_uses(const KernelScene *scene, const KernelHeights *pieces, const KernelUsesAsked *asked,
+                                    KernelUse *uses, KernelWork *work);
+
+/* Whether pairs come within a reach at instants at most T apart. */
+enum { KERNEL_NEAR_NONE = 0, KERNEL_NEAR_POSSIBLE = 1, KERNEL_NEAR_SURE = 2 };
+
+/* Decide whether pairs come within reach_m of each other at instants at most within_us apart. Shifts are asked about
+ * differences of the same time or less.
+ *
+ * near : (count,) KERNEL_NEAR_NONE if it is proven that they do not, KERNEL_NEAR_SURE if it is proven that they do
+ */
+KERNEL_API KernelStatus kernel_near_in_time(const KernelScene *scene, const KernelShifts *shifts, double reach_m,
+                                            int64_t within_us, int8_t *near, KernelWork *work);
+
+/* What is known of a use: verdict and touches, and what follows. */
+enum {
+    KERNEL_USE_OF_SPANS = 0,  /* it lasts while both pieces are near in time: of areas, or undecided */
+    KERNEL_USE_OF_AREA_A = 1, /* error_s, and when b is in a (KernelUsed: start_s, end_s) */
+    KERNEL_USE_OF_AREA_B = 2, /* error_s, and when a is in b */
+    KERNEL_USE_OF_TRACKS = 3  /* all (kernel_uses) */
+};
+
+/* Contacts as uses of one place. */
+typedef struct {
+    int64_t count, within_us;
+    const int64_t *a_start_us, *a_end_us, *b_start_us, *b_end_us; /* (count,) spans of both pieces */
+    const int8_t *known;                                          /* (count,) what is known of each use */
+    const double *start_s, *end_s; /* (count,) contact of a track with an area that is there T longer at both ends: seconds of
+                                      the time that they share so; NULL if none is */
+} KernelUsed;
+
+/* Complete uses. One that ends before it starts becomes KERNEL_UNRESOLVED while both pieces are near in time. uses : (count,) */
+KERNEL_API KernelStatus kernel_use_times(const KernelUsed *asked, KernelUse *uses);
+
+/* Contacts of pairs of pieces, each of a group: the pairs of two objects. Those that end before they start become
+ * KERNEL_UNRESOLVED during their whole shared time. */
+typedef struct {
+    int64_t count, groups;
+    const int64_t *group;                           /* (count,) */
+    const int64_t *shared_start_us, *shared_end_us; /* (count,) the time that both pieces share */
+    double *start_s, *end_s, *error_s;              /* (count,) seconds of it, as KernelContact */
+    int8_t *verdict;                                /* (count,) KernelVerdict */
+    uint8_t *touches;                               /* (count,) */
+    const double *lacking_s, *lacking_error_s;      /* (count,) as KernelUse; NULL: no separation in time */
+} KernelTouching;
+
+/* The periods of groups. */
+typedef struct {
+    int64_t *start_us, *end_us;          /* (count,) contacts as instants, rounded outward to the microsecond */
+    int64_t *order, *order_offset; /* (count,), (groups + 1,) contacts that are reported, by group, start and end. If two
+                                            objects touch, those that only come within the tolerance are left out */
+    int64_t *period_us, *period_offset; /* (count, 2), (groups + 1,) start and end; disjoint, in order */
+    double *time_error_s; /* (groups,) each end of a period is off by at most this */
+    int8_t *verdict; /* (groups,) of reported contacts: the gravest KernelVerdict */
+    uint8_t *is_open, *meets; /* (groups,) whether a reported one is unresolved, and whether any touches */
+    double *lacking_s, *lacking_error_s; /* (groups,) the most that is lacking, NaN if unknown; or NULL */
+} KernelMerged;
+
+/* Merge contacts into the periods of pairs of objects. */
+KERNEL_API KernelStatus kernel_merge(const KernelTouching *contacts, const KernelMerged *merged);
+
 /* Areas of the plane: closed rings one after the other, plane metres. */
 typedef struct {
     int64_t count, ring_count, vertex_count;
-    const double *ring;         /* (vertex_count, 2) */
+    const double *ring; /* (vertex_count, 2) */
     const int64_t *ring_offset; /* (ring_count + 1,) vertices of ring r: [offset[r], offset[r + 1]) */
     const int64_t *area_offset; /* (count + 1,) rings of area k */
-    const double *margin;       /* (count,) places farther than this from the border are deep, plane metres */
+    const double *margin; /* (count,) places farther than this from the border are deep, plane metres */
 } KernelAreas;
 
 /* Depth of a pair in an area. */
@@ -461,8 +559,8 @@ KERNEL_API KernelStatus kernel_whole_depths(const KernelScene *scene, const Kern
 /* Kind of the region of a pair. */
 typedef enum {
     KERNEL_REGION_UNKNOWN = 0, /* no region: a piece is invalid, or the region goes around the earth */
-    KERNEL_REGION_SWEPT = 1,   /* intersection of the swept hulls: a superset */
-    KERNEL_REGION_COMMON = 2   /* intersection of two pieces that stand still */
+    KERNEL_REGION_SWEPT = 1, /* intersection of the swept hulls: a superset */
+    KERNEL_REGION_COMMON = 2 /* intersection of two pieces that stand still */
 } KernelRegion;
 
 /* Compute where pairs come within reach_m of each other during [low_s, high_s], or may: the intersection of both swept
@@ -578,10 +676,10 @@ KERNEL_API KernelStatus kernel_bundles(const double *boxes, const int64_t *run, 
 /* The pieces of bundles, each bundle in order of time; the parts of an area have equal times. */
 typedef struct {
     int64_t count, bundles;
-    const int64_t *offset;        /* (bundles + 1,) where the pieces of each bundle begin, and the last end */
-    const double *boxes;          /* (count, 4) min x, min y, max x, max y */
-    const int64_t *start_us;      /* (count,) */
-    const int64_t *end_us;        /* (count,) */
+    const int64_t *offset; /* (bundles + 1,) where the pieces of each bundle begin, and the last end */
+    const double *boxes; /* (count, 4) min x, min y, max x, max y */
+    const int64_t *start_us; /* (count,) */
+    const int64_t *end_us; /* (count,) */
     const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the piece */
 } KernelBundled;
 
@@ -598,22 +696,22 @@ KERNEL_API KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const 
 /* Bounding boxes of rows: in the plane, in height and in time. */
 typedef struct {
     int64_t count;
-    const double *boxes;     /* (count, 4) min x, min y, max x, max y */
-    const double *floor_m;   /* (count,) heights of rows overlap if they share more than an end */
+    const double *boxes; /* (count, 4) min x, min y, max x, max y */
+    const double *floor_m; /* (count,) heights of rows overlap if they share more than an end */
     const double *ceiling_m; /* (count,) */
     const int64_t *start_us; /* (count,) */
-    const int64_t *end_us;   /* (count,) */
-    const int64_t *object;   /* (count,) number of the row's object */
-    const uint8_t *is_copy;  /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
+    const int64_t *end_us; /* (count,) */
+    const int64_t *object; /* (count,) number of the row's object */
+    const uint8_t *is_copy; /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
     const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the row; NULL: all do */
-    const int64_t *owner;         /* (count,) numbers of owners, 0: without; two rows of one are no pair; NULL: without */
-    const int64_t *type;          /* (count,) types of objects; NULL if all types are compared */
+    const int64_t *owner; /* (count,) numbers of owners, 0: without; two rows of one are no pair; NULL: without */
+    const int64_t *type; /* (count,) types of objects; NULL if all types are compared */
 } KernelBoxes;
 
 /* Which pairs of rows may meet. */
 typedef struct {
-    int64_t within_us;       /* rows that are at most so far apart in time */
-    int64_t type_count;      /* number of types */
+    int64_t within_us; /* rows that are at most so far apart in time */
+    int64_t type_count; /* number of types */
     const uint8_t *of_types; /* (type_count, type_count) 1: objects of two types are compared; NULL: all are */
 } KernelCompared;
 
@@ -671,9 +769,9 @@ KERNEL_API KernelStatus kernel_wkb_rings(const uint8_t *wkb, int64_t size, const
 /* One column of rows of bytes: of constant width, or ragged. */
 typedef struct {
     const uint8_t *data;
-    int64_t size;          /* bytes of data */
+    int64_t size; /* bytes of data */
     const int64_t *offset; /* (count + 1,) where each row begins in data, and the last ends; NULL: constant width */
-    int64_t width;         /* bytes per row, if offset is NULL */
+    int64_t width; /* bytes per row, if offset is NULL */
 } KernelPart;
 
 /* Concatenate rows: for each row its parts in order. rows : (size,) result; all of it is filled */

@@ -35,6 +35,26 @@ def distances(scene: KernelScene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floa
     return _measured(scene, library().kernel_distances, np.empty(len(a)), (a, b, zero_us, at_s, at_s), threads)
 
 
+def deepest(
+    scene: KernelScene, a: _Ints, b: _Ints, zero_us: _Ints, low_s: Floats, high_s: Floats
+) -> tuple[Floats, Floats]:
+    """Return the least distances (n,) of pieces a and b during [low_s, high_s], as of `distances`, and when they are.
+
+    Where the distance falls and rises again, as that of two convex pieces in uniform motion does; infinite if unknown.
+
+    low_s, high_s : (n,) seconds after zero_us (n,)
+    """
+    pairs, n = HeldPairs.arrays(a, b, zero_us, low_s, high_s), len(a)
+    least_m, at_s = np.empty(n), np.empty(n)
+
+    def solve(rows: slice) -> None:
+        held, answers = HeldPairs.of(pairs, rows), [address(least_m[rows]), address(at_s[rows])]
+        check(library().kernel_deepest(scene.handle, ctypes.byref(held), *answers))
+
+    shared(solve, n, 1, vertices=scene.vertices(a, b))
+    return least_m, at_s
+
+
 def _measured(
     scene: KernelScene, measure: Any, found: Floats, columns: tuple[NDArray[Any], ...], threads: int
 ) -> Floats:

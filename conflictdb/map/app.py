@@ -43,6 +43,8 @@ _CONNECTIONS: Final = 4
 _MOST_BYTES: Final = 65_536
 # Longest change of a departure, seconds: a day.
 _LONGEST_S: Final = 86_400
+# Farthest from an object that the page looks for others, metres.
+_FARTHEST_M: Final = 1_000_000
 # Largest moves of a plan: a day, and any height on the earth.
 _MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
 # Number, longitude (it may run on across the date line) and latitude of a moved waypoint.
@@ -185,12 +187,18 @@ class Answers:
             return _json(content.heights(connection, self._name(request)))
 
     def pieces(self, request: Request) -> Response:
-        """Return the pieces of a track and of what it may meet if it departs earlier or later."""
-        key, within_s = _parameter(request, "key") or "", _number("within_s", _parameter(request, "within_s") or "")
-        if within_s > _LONGEST_S:
-            raise HTTPException(400, f"within_s: must be at most {_LONGEST_S}")
+        """Return the pieces of a track and of what it may meet if it departs earlier or later.
+
+        Or of any object, with `near_m`, and of what comes so near as it is planned.
+        """
+        key, near_m = _parameter(request, "key") or "", _parameter(request, "near_m")
+        within_s = _number("within_s", _parameter(request, "within_s") or "0", _LONGEST_S)
         with self.connections.one() as connection:
-            packed = what_if.pieces(connection, self._name(request), key, within_s)
+            if near_m is None:
+                packed = what_if.pieces(connection, self._name(request), key, within_s)
+            else:
+                within_m = _number("near_m", near_m, _FARTHEST_M)
+                packed = what_if.pieces_near(connection, self._name(request), key, within_m)
             return Response(packed, media_type="application/octet-stream")
 
     def pair(self, request: Request) -> Response:

@@ -1,7 +1,7 @@
-"""Pack the pieces of a scene for the page, whose kernel computes what moved plans would meet.
+"""Pack the pieces of a scene for the page, whose kernel computes what objects pass, and what moved plans would meet.
 
-The page compares pieces as a detection does (`stages.run`), for scenes that need no more than the kernel; `refusal`
-says why others are not shown.
+The page compares pieces as a detection does (`core.run`), for scenes that need no more than the kernel; `refusal` says
+why moved plans of others are not shown.
 """
 
 import struct
@@ -19,7 +19,7 @@ from conflictdb.core.separations import Separations
 from conflictdb.core.world import Reach
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.jobs.track_delays import read_departing
+from conflictdb.jobs.track_delays import read_departing, read_near
 from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
 from conflictdb.memory.questions import numbered
@@ -48,6 +48,17 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
     return packed(settings, areas, tracks, {key})
 
 
+def pieces_near(conn: psycopg.Connection[Any], scene: str, key: str, within_m: float) -> bytes:
+    """Pack the pieces of an object, and of what comes within `within_m` of it at its times and heights.
+
+    Raises InvalidInput if the scene or the object does not exist.
+    """
+    settings, areas, tracks = read_near(conn, scene, key, within_m)
+    if key not in {*(area.key for area in areas), *(track.key for track in tracks)}:
+        raise InvalidInput(f"scene {scene!r}", "object", f"{key!r} is not known")
+    return packed(settings, areas, tracks, ())
+
+
 def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
     """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
 
@@ -60,9 +71,6 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
 
     moved : keys of the tracks that may be moved; None: all
     """
-    refusal = _refusal(scene)
-    if refusal is not None:
-        return _with_head({"refusal": refusal}, {})
     setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, Reach.either(_MOST_LATER_US))
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
@@ -94,7 +102,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     if pieces.climbs().any():
         arrays["climb_m"] = np.concatenate([one.climb_m for one in by_settings]).astype("<f8").ravel()
     head = {
-        "refusal": None,
+        "refusal": _refusal(scene),
         "base_us": str(base_us),
         "settings": [
             {

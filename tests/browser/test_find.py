@@ -45,8 +45,10 @@ def test_objects_places_and_positions_are_found(open_strait: Open) -> None:
     card = page.locator("#object")
     expect(card.get_by_role("heading")).to_have_text("CONVOY-2")
     expect(options).to_have_count(0)
-    # The other ship of the convoy, 2.1 km ahead: distances of polygons from SQL.
-    expect(card.locator(".said")).to_contain_text("No conflict. Nearest at its heights: CONVOY-1, about ")
+    # The other ship of the convoy, 2.1 km ahead.
+    expect(card.locator(".said")).to_contain_text(
+        "No conflict. Nearest at its heights: CONVOY-1, 185 m (within 0.00025 m)"
+    )
     assert page.evaluate("conflictdbPage.havens.shown.some(({track}) => track.key === 'CONVOY-2')")
     wait_until(page, "location.hash.includes('selected=CONVOY-2')")
     card.get_by_role("button", name="Deselect").click()
@@ -91,12 +93,9 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     page = open_page(serve(dsn, "s"))
     found = page.evaluate(
         """async () => {
-            const [{nearestOf}, {objects}] = [await import('/page/approach.js'), conflictdbPage.model];
-            const rings = new Map([['FAR', [[[12, 56], [13, 56], [13, 58], [12, 58], [12, 56]]]]]);
-            return ['EAST', 'LATE', 'DEEP', 'ALONE'].map((key) => {
-                const one = nearestOf(objects.get(key), [...objects.values()], rings, 0);
-                return one && [one.other.key, one.m, one.t];
-            });
+            const keys = ['EAST', 'LATE', 'DEEP', 'ALONE', 'FAR'];
+            const found = await Promise.all(keys.map((key) => conflictdbPage.nearest(key)));
+            return found.map((one) => one && [one.other, one.m, one.t, one.error]);
         }"""
     )
     exact = page.evaluate(
@@ -115,9 +114,14 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     assert found[2][0] == "FAR"
     assert found[2][1] == pytest.approx(60_700 - 500, rel=0.01)
     assert found[3] is None
+    assert found[4][0] == "DEEP"
+    assert found[4][1] == pytest.approx(found[2][1], abs=1e-3)
+    assert max(one[3] for one in found if one) < 1e-3
     page.get_by_role("combobox", name="Object").fill("alone")
     page.get_by_role("combobox", name="Object").press("Enter")
-    expect(page.locator("#object .said")).to_have_text("No conflict. Nothing shares its time and heights.")
+    expect(page.locator("#object .said")).to_have_text(
+        "No conflict. Nothing comes within 1000 km at its time and heights."
+    )
 
 
 def test_chips_take_one_limit_away_each(open_strait: Open) -> None:

@@ -404,6 +404,64 @@ static void level_shifts(const KernelShifts *shifts, int64_t m, int64_t odd, int
     free(climb), free(floor), free(ceiling), free(found), free(instants);
 }
 
+/* Ask for uses of one place by pieces of a scene, complete them, and merge them. */
+static void ask_uses(const KernelScene *scene, const KernelPieces *pieces, const KernelPairs *pairs, double reach, int64_t odd,
+                     int64_t calls[16]) {
+    const int64_t hour = INT64_C(3600000000), n = pieces->count < 0 ? 0 : pieces->count,
+                  m = pairs->count < 4 ? pairs->count : 4;
+    double *floor = block(n, 8), *ceiling = block(n, 8), *start_s = block(m, 8), *end_s = block(m, 8), *error = block(m, 8);
+    double *lacking = block(2 * m, 8), *of_groups = block(9, 8);
+    int64_t *spans = block(4 * m, 8), *group = block(m, 8), *found = block(3 * m, 8), *periods = block(2 * m, 8);
+    int64_t *order_offset = block(4, 8), *period_offset = block(4, 8);
+    int8_t *known = block(m, 1), *verdict = block(m, 1), *verdicts = block(3, 1);
+    uint8_t *touches = block(m, 1), *flags = block(6, 1);
+    KernelUse *uses = block(m, sizeof *uses);
+    KernelWork work;
+    for (int64_t i = 0; i < n; i++) floor[i] = number(-50.0, 0.0, odd), ceiling[i] = number(0.0, 50.0, odd);
+    KernelHeights heights = {
+        n, NULL, floor, ceiling, pieces->start_us, pieces->end_us, pieces->leg_start_us, pieces->leg_end_us};
+    KernelUsesAsked asked = {m, instant(0, hour, 2 * odd), reach, number(0.0, reach + 1.0, odd), pairs->a, pairs->b};
+    KernelStatus status = kernel_uses(scene, &heights, &asked, uses, &work);
+    calls[status]++;
+    for (int64_t i = 0; i < m; i++) {
+        if (status != KERNEL_OK || below(2))
+            uses[i] = (KernelUse){.verdict = (int32_t)below(3), .error_s = number(0.0, 9.0, odd)};
+        known[i] = (int8_t)below(5), start_s[i] = number(0.0, 1800.0, odd), end_s[i] = start_s[i] + number(0.0, 900.0, odd);
+        for (int k = 0; k < 4; k++) spans[k * m + i] = instant(0, hour, odd);
+    }
+    KernelUsed used = {
+        below(50 * odd) ? m : -1, instant(0, hour, odd), spans, spans + m, spans + 2 * m, spans + 3 * m, known, start_s,
+        below(9) ? end_s : NULL};
+    calls[kernel_use_times(&used, uses)]++;
+    for (int64_t i = 0; i < m; i++) {
+        group[i] = below(20 * odd) ? below(3) : instant(-2, 9, 2), verdict[i] = (int8_t)below(3),
+        touches[i] = (uint8_t)below(2);
+        error[i] = number(0.0, 9.0, odd), lacking[i] = number(0.0, 9.0, odd), lacking[m + i] = number(0.0, 9.0, odd);
+    }
+    KernelTouching touching = {m,
+                               3,
+                               group,
+                               spans,
+                               spans + m,
+                               start_s,
+                               end_s,
+                               error,
+                               verdict,
+                               touches,
+                               below(3) ? lacking : NULL,
+                               below(9) ? lacking + m : NULL};
+    KernelMerged merged = {found,   found + m,     found + 2 * m, order_offset,
+                           periods, period_offset, of_groups,     verdicts,
+                           flags,   flags + 3,     of_groups + 3, below(50 * odd) ? of_groups + 6 : NULL};
+    status = kernel_merge(&touching, &merged);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < period_offset[3]; k++)
+        if (periods[2 * k] > periods[2 * k + 1]) abort();
+    void *blocks[] = {floor,   ceiling,      start_s,       end_s, error,   lacking,  of_groups, spans, group, found,
+                      periods, order_offset, period_offset, known, verdict, verdicts, touches,   flags, uses};
+    for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
+}
+
 /* Ask for differences of departure, or for factors of time; each piece has a zero and a time of its own, now and then one that is none. */
 static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, double reach, int64_t odd, int64_t calls[16]) {
     const int64_t hour = INT64_C(3600000000), m = pairs->count < 8 ? pairs->count : 8, is_factor = below(2);
@@ -440,6 +498,9 @@ static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, 
         if (parts[k].pair < pair || parts[k].pair >= m || parts[k].found.state == KERNEL_DIFFERENCE_NONE) abort();
     kernel_free(parts);
     level_shifts(&shifts, m, odd, calls);
+    int8_t *near = block(m, 1);
+    calls[kernel_near_in_time(scene, &shifts, reach, below(50 * odd) ? instant(0, hour, odd) : -1, near, &work)]++;
+    free(near);
     for (int64_t i = 0; status == KERNEL_OK && i < m; i++) {
         const KernelDifference *one = found + i;
         bool is_none = one->state == KERNEL_DIFFERENCE_NONE, is_inner = one->state == KERNEL_DIFFERENCE_INNER;
@@ -527,10 +588,13 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     double *degrees = block(2 * m, 8);
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
+    KernelPairs few = {m < 4 ? m : 4, a, b, zero, low, high};
+    calls[kernel_deepest(scene, &few, distance, below(50 * odd) ? beyond : NULL)]++;
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
     ask_directions(scene, &pairs, below(2) ? 0.0 : number(0.0, size, odd), calls);
     ask_legs(&plane, odd, calls);
     ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
+    if (below(8) == 0) ask_uses(scene, &pieces, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
     ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);

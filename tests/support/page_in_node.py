@@ -13,7 +13,7 @@ import conflictdb
 
 PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
 MODULES: Final = (
-    "kernel", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "climbs", "shifts", "uses", "moved_plan",
+    "kernel", "near", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "moved_plan",
 )  # fmt: skip
 HORIZON_US: Final = 3_600_000_000
 # Reads scenes: [pack, [[key, moves], …]] each; prints the conflicts of each move, and what is forbidden to each key.
@@ -22,7 +22,8 @@ import { readFileSync } from "node:fs";
 import { Kernel } from "./kernel.mjs";
 import { PairDistance } from "./pair_distance.mjs";
 import { withWaypoint } from "./moved_waypoint.mjs";
-import { unpackPieces, WhatIf } from "./what_if.mjs";
+import { unpackPieces } from "./near.mjs";
+import { WhatIf } from "./what_if.mjs";
 const kernel = await Kernel.of(readFileSync("kernel.wasm"));
 const { horizon, scenes } = JSON.parse(readFileSync(0));
 const answers = scenes.map(([text, asked]) => {

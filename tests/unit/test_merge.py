@@ -10,7 +10,7 @@ import shapely
 from conflictdb import Area, Scene, Track, rectangle_outline_m, solve
 from conflictdb.arrays.answers import Contacts
 from conflictdb.core import run
-from conflictdb.core.merge import _periods
+from conflictdb.kernel.merging import merged
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 # Seconds that stand for no beginning and no end.
@@ -48,11 +48,16 @@ def test_periods_and_their_errors(
     start, end = ((column * 1e6).astype(np.int64) for column in columns[:2])
     start[columns[0] == EVER[0]], end[columns[1] == EVER[1]] = MINUS_INFINITY_US, INFINITY_US
     instants = {MINUS_INFINITY_US: EVER[0], INFINITY_US: EVER[1]}
-    period_us, offset, time_error_s = _periods(group, start, end, columns[2], 3)
-    assert offset.tolist() == [0, 1, 1 + len(periods), 2 + len(periods)]
-    found = [tuple(instants.get(at, at / 1e6) for at in period) for period in period_us[1:-1].tolist()]
-    assert found == periods
-    assert time_error_s.tolist() == [0.0, error_s, 0.0]
+    verdict, touches = np.zeros(len(many), np.int8), np.ones(len(many), np.bool_)
+    every = np.arange(len(many))
+    # Each contact lasts as long as its pieces share their time.
+    whole = Contacts(every, 0.0 * every, np.inf + every, columns[2], verdict, touches)
+    for order in (every, every[::-1]):
+        row = merged(whole.take(order), group[order], 3, (start[order], end[order]))
+        assert row.period_offset.tolist() == [0, 1, 1 + len(periods), 2 + len(periods)]
+        found = [tuple(instants.get(at, at / 1e6) for at in period) for period in row.period_us[1:-1].tolist()]
+        assert found == periods
+        assert row.time_error_s.tolist() == [0.0, error_s, 0.0]
 
 
 @pytest.mark.parametrize(

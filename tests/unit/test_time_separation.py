@@ -32,13 +32,12 @@ from conflictdb import (
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.client.advise import advise
 from conflictdb.core import run
-from conflictdb.core.ends_of_uses import ends_of
 from conflictdb.core.near import Memory
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.pieces.cutting import track_pieces
 from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup, centred
-from conflictdb.kernel.differences import difference_parts
+from conflictdb.kernel.time_uses import uses_of_place
 from conflictdb.model.rules import Rule
 
 RADIUS_M = 6371008.771415
@@ -265,20 +264,15 @@ def test_the_least_delay_is_clear(plan: Track, other: Track, scene: Scene, time_
         assert row.verdict in ("conflict", "grazing")
 
 
-def test_a_pair_is_free_if_its_parts_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also without its differences of all times: what is before its first and after its last time is all of it."""
-
-    def solved(
-        prepared: Any, shifts: Any, reach_m: float, within_us: int, work: Any, threads: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        row, _, found = difference_parts(prepared, shifts, reach_m, work, threads)
-        return row, found
-
-    monkeypatch.setattr("conflictdb.core.uses_of_tracks._solved", solved)
-    late = replace(NEAR, time_separation_s=30.0)
-    [found] = delays([ACROSS, LINE], [], late, ACROSS.key, 7200.0)
-    assert found.least_later_s is not None
-    assert rows(later(ACROSS, found.least_later_s), LINE, time_s=30.0, scene=NEAR) == []
+def test_a_pair_is_free_if_its_parts_are() -> None:
+    """Its differences are not sharp enough; but what is before its first and after its last time is all of it."""
+    one = planned("a", [(9.04179915294637, 70.00832906905529), (9.015148892911892, 70.02283924421913)], [2771, 3329],
+                  200, 200, 10, 10)  # fmt: skip
+    other = planned("b", [(8.95964151434367, 70.01195502123439), (9.053529824540597, 70.00212073661125)], [1243, 4110],
+                    50, 0, 10, 10)  # fmt: skip
+    scene = replace(NEAR, tolerance_m=1.0)
+    assert rows(later(one, 639.216735), other, time_s=30.0, scene=scene) == []
+    assert len(rows(later(one, 639.217), other, time_s=30.0, scene=scene)) == 1
 
 
 def test_proposals_at_the_edge_are_clear() -> None:
@@ -343,14 +337,14 @@ def test_ends_against_a_proven_contact_leave_the_pair_alone_unresolved(
     """A mistake of the search is no answer, and takes away no other: that pair of pieces is open all the time."""
     sound = rows(EAST, NORTH, area("here"), time_s=600.0)
 
-    def inverted(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
-        ends_s, error_s = ends_of(*arguments)
-        ends_s[:2] = ends_s[1::-1]
-        if of_all:
-            ends_s[2:] = ends_s[:1:-1]
-        return ends_s, error_s
+    def inverted(*arguments: Any) -> np.ndarray:
+        found = uses_of_place(*arguments)
+        for member in "ab" if of_all else "a":
+            start, end = f"{member}_start_us", f"{member}_end_us"
+            found[start], found[end] = found[end].copy(), found[start].copy()
+        return found
 
-    monkeypatch.setattr("conflictdb.core.uses_of_tracks.ends_of", inverted)
+    monkeypatch.setattr("conflictdb.core.uses_of_tracks.uses_of_place", inverted)
     found = rows(EAST, NORTH, area("here"), time_s=600.0)
     assert len(found) == len(sound) == 3
     for row, before in zip(found, sound, strict=True):
@@ -560,7 +554,7 @@ def test_an_object_that_cannot_be_cut_is_unresolved_with_what_comes_within_that_
 
 def test_times_of_others_do_not_matter_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """With 0 nothing of it runs."""
-    for name in ("uses_by_spans", "uses_of_areas", "uses_of_tracks", "as_contacts", "with_wide_areas"):
+    for name in ("uses_of_contacts", "uses_of_tracks", "as_contacts", "with_wide_areas"):
         monkeypatch.setattr(f"conflictdb.core.run.{name}", None)
     scene, areas, tracks = plain_scene(LOW_LATITUDE, 1, 6, 6)
     assert len(rows(*areas, *tracks, time_s=0.0, scene=scene)) > 3

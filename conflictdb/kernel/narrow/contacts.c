@@ -2,6 +2,7 @@
 #include <stdlib.h>
 
 #include "narrow/answers.h"
+#include "narrow/contacts.h"
 #include "scene/border.h"
 #include "narrow/search.h"
 
@@ -46,40 +47,56 @@ void answers_add(Answers *answers, double start, double end, double error, Kerne
     answers->items[answers->count++] = (KernelContact){answers->pair, start, end, error, verdict, touches};
 }
 
+KernelStatus contacts_begin(const KernelScene *scene, const KernelPairs *pairs, int64_t times, double separation_m,
+                            double tolerance_m, KernelWork *work, Contacts *made) {
+    *made = (Contacts){.pair = {.separation_m = separation_m, .margin_m = tolerance_m, .work = work}};
+    KernelStatus status = border_begin_larger(scene, pairs, times, &made->pair, &made->memory);
+    if (status != KERNEL_OK) return status;
+    made->intervals = malloc(3 * MAX_INTERVALS_PER_PAIR * sizeof *made->intervals);
+    made->answers.is_full = !made->intervals;
+    encounter_ask(&made->pair, separation_m, tolerance_m);
+    if (made->intervals) lay_out_intervals(&made->pair, made->intervals);
+    else contacts_end(made);
+    return made->intervals ? KERNEL_OK : KERNEL_NO_MEMORY;
+}
+
+void contacts_end(Contacts *made) {
+    free(made->memory), free(made->intervals), free(made->answers.items);
+    *made = (Contacts){0};
+}
+
+void contacts_find(Contacts *made, bool is_valid, double low, double high, double beyond, int64_t pairs_of_objects,
+                   const Guess *guess) {
+    int64_t before = made->answers.count;
+    share_work(&made->pair, pairs_of_objects);
+    is_valid = is_valid && low <= high;
+    if (is_valid) find_contacts(&made->pair, low, high, beyond, guess, &made->answers);
+    if (is_valid && made->pair.parts_left >= 0) return;
+    /* Contacts found without all distances are invalid. */
+    made->answers.count = before;
+    answers_add(&made->answers, low, high, high - low, KERNEL_UNRESOLVED, true);
+}
+
 KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
                              KernelContact **contacts, int64_t *count, KernelWork *work) {
     if (!question || !contacts || !count || !work) return KERNEL_NULL;
-    double *memory;
-    Encounter pair = {.separation_m = question->separation_m, .margin_m = question->tolerance_m, .work = work};
+    Contacts made;
     *contacts = NULL, *count = 0, *work = (KernelWork){0};
-    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
+    KernelStatus status = contacts_begin(scene, pairs, 1, question->separation_m, question->tolerance_m, work, &made);
     if (status != KERNEL_OK) return status;
-    Interval *intervals = malloc(3 * MAX_INTERVALS_PER_PAIR * sizeof *intervals);
-    Answers answers = {.is_full = !intervals};
-    encounter_ask(&pair, question->separation_m, question->tolerance_m);
-    if (intervals) lay_out_intervals(&pair, intervals);
     double began_s = encounter_clock_s();
-    for (int64_t i = 0; i < pairs->count && !answers.is_full; i++) {
+    for (int64_t i = 0; i < pairs->count && !made.answers.is_full; i++) {
         double low = pairs->low_s[i], high = pairs->high_s[i], beyond = question->beyond_s ? question->beyond_s[i] : INFINITY;
+        int64_t shared = question->pairs_of_objects ? question->pairs_of_objects[i] : 1;
         Guess guess = {question->guess, question->guess_of, i};
-        int64_t before = answers.count;
-        answers.pair = i;
-        share_work(&pair, question->pairs_of_objects ? question->pairs_of_objects[i] : 1);
-        bool is_valid = low <= high && border_meet(scene, pairs, i, &pair);
-        if (is_valid) find_contacts(&pair, low, high, beyond, &guess, &answers);
-        if (is_valid && pair.parts_left >= 0) continue;
-        /* Contacts found without all distances are invalid. */
-        answers.count = before;
-        answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
+        made.answers.pair = i;
+        bool is_valid = low <= high && border_meet(scene, pairs, i, &made.pair);
+        contacts_find(&made, is_valid, low, high, beyond, shared, &guess);
     }
-    encounter_set_closed_form(&pair, false);
+    encounter_set_closed_form(&made.pair, false);
     work->contacts_s = encounter_clock_s() - began_s;
-    free(memory);
-    free(intervals);
-    if (answers.is_full) {
-        free(answers.items);
-        return KERNEL_NO_MEMORY;
-    }
-    *contacts = answers.items, *count = answers.count;
-    return KERNEL_OK;
+    if (made.answers.is_full) status = KERNEL_NO_MEMORY;
+    else *contacts = made.answers.items, *count = made.answers.count, made.answers.items = NULL;
+    contacts_end(&made);
+    return status;
 }

@@ -23,8 +23,6 @@ typedef struct {
     double first, last, error;
 } Overlap;
 
-static double us_between(int64_t from, int64_t to) { return (double)(int64_t)((uint64_t)to - (uint64_t)from); }
-
 static Climb climb_of(const KernelHeights *pieces, int64_t i) {
     if (!pieces->climb_m) return (Climb){pieces->floor_m[i], pieces->floor_m[i], pieces->ceiling_m[i], pieces->ceiling_m[i]};
     const double *ends = pieces->climb_m + 4 * i;
@@ -120,6 +118,14 @@ static double cut(const KernelHeights *pieces, int64_t one, int64_t other, int64
     return time.error;
 }
 
+double heights_cut(const KernelHeights *pieces, Shifted *one) {
+    bool is_open =
+        climbs(climb_of(pieces, one->a)) && climbs(climb_of(pieces, one->b)) && !heights_surely_overlap(pieces, one->a, one->b);
+    double doubt = is_open ? INFINITY : 0.0;
+    doubt += cut(pieces, one->a, one->b, one->a_zero_us, &one->a_start_s, &one->a_end_s);
+    return doubt + cut(pieces, one->b, one->a, one->b_zero_us, &one->b_start_s, &one->b_end_s);
+}
+
 KernelStatus kernel_level_shifts(const KernelHeights *pieces, const KernelShifts *shifts, double *a_start_s, double *a_end_s,
                                  double *b_start_s, double *b_end_s, double *doubt_s) {
     if (!shifts) return KERNEL_NULL;
@@ -129,13 +135,12 @@ KernelStatus kernel_level_shifts(const KernelHeights *pieces, const KernelShifts
     bool has_room = a_start_s && a_end_s && b_start_s && b_end_s && doubt_s;
     if (shifts->count > 0 && !(is_whole && shifts->b_end_s && has_room)) return KERNEL_NULL;
     for (int64_t i = 0; i < shifts->count; i++) {
-        int64_t a = shifts->a[i], b = shifts->b[i];
-        a_start_s[i] = shifts->a_start_s[i], a_end_s[i] = shifts->a_end_s[i];
-        b_start_s[i] = shifts->b_start_s[i], b_end_s[i] = shifts->b_end_s[i];
-        bool is_open = climbs(climb_of(pieces, a)) && climbs(climb_of(pieces, b)) && !heights_surely_overlap(pieces, a, b);
-        doubt_s[i] = is_open ? INFINITY : 0.0;
-        doubt_s[i] += cut(pieces, a, b, shifts->a_zero_us[i], a_start_s + i, a_end_s + i);
-        doubt_s[i] += cut(pieces, b, a, shifts->b_zero_us[i], b_start_s + i, b_end_s + i);
+        Shifted one = {
+            .a = shifts->a[i], .b = shifts->b[i], .a_zero_us = shifts->a_zero_us[i], .b_zero_us = shifts->b_zero_us[i]};
+        one.a_start_s = shifts->a_start_s[i], one.a_end_s = shifts->a_end_s[i];
+        one.b_start_s = shifts->b_start_s[i], one.b_end_s = shifts->b_end_s[i];
+        doubt_s[i] = heights_cut(pieces, &one);
+        a_start_s[i] = one.a_start_s, a_end_s[i] = one.a_end_s, b_start_s[i] = one.b_start_s, b_end_s[i] = one.b_end_s;
     }
     return KERNEL_OK;
 }

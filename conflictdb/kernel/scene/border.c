@@ -176,13 +176,19 @@ bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encoun
 }
 
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {
+    return border_begin_larger(scene, pairs, 1, pair, memory);
+}
+
+KernelStatus border_begin_larger(const Scene *scene, const KernelPairs *pairs, int64_t times, Encounter *pair,
+                                 double **memory) {
     int64_t largest;
     if (!scene || !pairs) return KERNEL_NULL;
     if (!(pair->separation_m >= 0.0) || !(pair->margin_m >= 0.0)) return KERNEL_BAD_DISTANCE;
     if (!isfinite(pair->separation_m) || !isfinite(pair->margin_m)) return KERNEL_BAD_DISTANCE;
     KernelStatus status = check_pairs(scene, pairs, &largest);
     if (status != KERNEL_OK) return status;
-    largest++; /* an intersection may have two vertices more than both polygons */
+    if (largest > INT64_MAX / times / (int64_t)sizeof(Body)) return KERNEL_BAD_COUNT;
+    largest = times * largest + 1; /* an intersection may have two vertices more than both polygons */
     *memory = malloc(numbers_of(largest) * sizeof **memory);
     if (!*memory) return KERNEL_NO_MEMORY;
     pair->plane = &scene->plane;

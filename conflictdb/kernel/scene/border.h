@@ -15,6 +15,9 @@ void border_prepare(const Scene *scene, const KernelPieces *pieces, int64_t piec
 /* Validate the pairs and distances of a call, and allocate the polygons of an encounter; the caller frees `memory`. */
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory);
 
+/* The same, for polygons of several times as many vertices. */
+KernelStatus border_begin_larger(const Scene *scene, const KernelPairs *pairs, int64_t times, Encounter *pair, double **memory);
+
 /* Set up an encounter for pair i; false if its time or one of its pieces is invalid. */
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair);
 

@@ -2,7 +2,6 @@
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
 import { Address, addressOfScene, askedBy } from "./address.js";
-import { nearestOf } from "./approach.js";
 import { LARGE } from "./begun.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
@@ -20,8 +19,11 @@ import { MapView } from "./map.js";
 import { formerConflicts, MERCATOR_END, Model, worstFirst } from "./model.js";
 import { ObjectCard } from "./object_card.js";
 import { Ground } from "./motion.js";
+import { unpackPieces } from "./near.js";
+import { nearestOf } from "./nearest.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
+import { passesOf } from "./passes.js";
 import { savePicture } from "./picture.js";
 import { PlaceNames } from "./place_names.js";
 import { Player } from "./player.js";
@@ -69,7 +71,7 @@ class Page {
       { canvas: byId("bars"), view: byId("rows"), axis: byId("axis"), tip: byId("tip"), grouping: byId("grouping"), slider: byId("slider"), buttons: { closer: byId("closer"), wider: byId("wider"), whole: byId("whole") } },
       (t) => { this.player.pause(); this.moveTo(t); }, choose, (from, to) => this.filterTime(from, to),
     );
-    this.side = new SideView(byId("heights"), this.timeline, () => this.rings(), {
+    this.side = new SideView(byId("heights"), this.timeline, (track) => this.passes(track), {
       layers: (layers) => this.changeFilter(() => { this.state.filter.layers = layers; }),
       mode: (mode) => { byId("side-view").setAttribute("aria-expanded", mode !== null); this.address.soon(); },
       time: (t) => { this.player.pause(); this.moveTo(t); },
@@ -142,7 +144,7 @@ class Page {
     const { view, havens, polar, graticule, timeline, side, placeNames } = this;
     globalThis.conflictdbPage = {
       view, havens, polar, graticule, timeline, side, placeNames, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
-      moveTo: (t) => this.moveTo(t), flags: () => state.flags(),
+      moveTo: (t) => this.moveTo(t), flags: () => state.flags(), passes: (track) => this.passes(track), nearest: (key) => this.nearest(key),
     };
     await view.loaded;
     if (missing !== null) history.replaceState(null, "", location.pathname + location.search);
@@ -393,18 +395,33 @@ class Page {
     });
   }
 
-  // Rings of areas by key, longitudes and latitudes; with them come heights that change.
-  rings() {
+  // Reads heights that change, once for each version.
+  readHeights() {
     const { version, model } = this.state;
-    if (this.ringsOf?.version !== version) {
-      const read = Promise.all([this.source.shapes(), this.source.heights()]).then(([{ areas }, heights]) => {
-        model.takeHeights(heights);
-        return new Map(areas.features.map(({ properties: { key }, geometry: { type, coordinates } }) => [key, type === "Polygon" ? coordinates : coordinates.flat()]));
-      });
-      this.ringsOf = { version, read };
-      read.catch(() => { this.ringsOf = null; });
+    if (this.heightsOf?.version !== version) {
+      const read = this.source.heights().then((heights) => model.takeHeights(heights));
+      this.heightsOf = { version, read };
+      read.catch(() => { this.heightsOf = null; });
     }
-    return this.ringsOf.read;
+    return this.heightsOf.read;
+  }
+
+  // When a track passes others, by their keys, which is computed once for each version; null: no track.
+  async passes(track) {
+    await this.readHeights();
+    if (!track) return new Map();
+    const { version } = this.state;
+    if (this.passed?.version !== version || this.passed.key !== track.key) {
+      const found = Promise.all([this.kernel(), this.source.pieces(track.key, 0)]).then(([kernel, pieces]) => passesOf(kernel, unpackPieces(pieces), track.key));
+      this.passed = { version, key: track.key, found };
+      found.catch(() => { this.passed = null; });
+    }
+    return this.passed.found;
+  }
+
+  // What an object comes nearest to.
+  async nearest(key) {
+    return nearestOf(await this.kernel(), this.source, key);
   }
 
   filterSoon() {
@@ -541,7 +558,7 @@ class Page {
     }
     const count = model.conflicts.filter(({ a, b }) => a === selected || b === selected).length;
     this.card.show(object, count, { isCurrent: model.scene.is_current, asksWhatIf: this.departure.key !== selected },
-      async () => nearestOf(object, [...model.areas, ...model.tracks], await this.rings(), model.scene.vertical_separation_m));
+      () => this.nearest(selected));
   }
 
   // An object that was found: its conflicts alone, and where it is.

@@ -24,11 +24,11 @@ function deep(conflict, distance, { separation_m: separation }) {
     const when = conflict.deepest === null ? "" : ` at ${clock(conflict.deepest)}`;
     return `, up to about ${depthText(conflict.depth, separation)}${when}`;
   }
-  const { least: [t, m], isOfParts } = distance;
-  const at = `at ${clock(t)}`;
+  const { least: [t, m, error], isOfParts } = distance;
+  const at = `at ${clock(t)}${Number.isFinite(error) ? ` (within ${bound(error, "m")})` : ""}`;
   if (m >= 0 && separation === 0) return "";
-  if (m >= 0) return `, nearest about ${metres(m)} ${at}`;
-  return `, ${isOfParts ? "at least" : "up to about"} ${metres(-m)} deep ${at}`;
+  if (m >= 0) return `, nearest ${metres(m)} ${at}`;
+  return `, ${isOfParts ? "at least" : "up to"} ${metres(-m)} deep ${at}`;
 }
 
 function high(conflict, model) {

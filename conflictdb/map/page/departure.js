@@ -5,8 +5,9 @@ import { element } from "./dom.js";
 import { counted, duration, metres, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
+import { unpackPieces } from "./near.js";
 import { DepartureStrip } from "./strip.js";
-import { limitsOf, union, unpackPieces, WhatIf } from "./what_if.js";
+import { limitsOf, union, WhatIf } from "./what_if.js";
 
 const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
 const [FIRST_S, WIDER_S] = [3600, 10800]; // shown first; and where no departure within it is clear

@@ -74,6 +74,10 @@ export class EmbeddedSource {
     return bytes((await this.content).pieces);
   }
 
+  async piecesNear() {
+    return this.pieces();
+  }
+
   // Shapes as MapLibre takes them, each layer a source; and land: the coarser one, and the finer one of some places.
   async sources() {
     const { shapes, land, near_land: near } = await this.content;

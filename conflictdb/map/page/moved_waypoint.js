@@ -1,7 +1,7 @@
 // A track with a waypoint elsewhere: the pieces of its legs are made anew, as conflictdb/core/pieces/cutting.py makes them, but
 // each leg is one piece; hulls of whole legs cover more, and the contacts are the same.
 
-import { boxes, hullsOf, overlap, taken } from "./what_if.js";
+import { boxes, hullsOf, rowsOf, taken } from "./near.js";
 import { shorter } from "./world.js";
 
 const TOLERANCES = ["xtd_port_m", "xtd_starboard_m", "min_speed_kn", "max_speed_kn", "turn_radius_m", "departure_window", "arrival_window"];
@@ -42,12 +42,19 @@ export function withWaypoint(kernel, pack, key, [n, lon, lat]) {
   if (legs.length % bearings.length !== 0 || TOLERANCES.some((name) => name in pack.plans[key].properties)) throw new Error("the plan has tolerances");
   const hulls = boxes(kernel.hulls(packed(pack, legs, []), pack.reach_m));
   const made = legs.flatMap((leg, nth) => onTurns(leg, hulls[nth], pack.turn_m));
-  const others = [];
-  boxes(hullsOf(kernel, pack)).forEach((box, row) => {
-    const isNear = pack.is_cover[row] || made.some((leg) => overlap(leg.box, box));
-    if (pack.object[row] !== object && isNear) others.push(row);
-  });
-  return packed(pack, made, others);
+  return packed(pack, made, othersNear(kernel, pack, object, made));
+}
+
+// The rows of other objects whose boxes legs meet, and of what could not be cut.
+function othersNear(kernel, pack, object, legs) {
+  const all = [...legs.map(({ box }) => box), ...boxes(hullsOf(kernel, pack))];
+  const count = all.length;
+  const nothing = (Type) => new Type(count);
+  const legFirst = Int32Array.from(all, (_, n) => (n < legs.length ? 0 : 1));
+  const rows = rowsOf({ object: legFirst, turn: nothing(Int16Array), owner: nothing(Int32Array), type: nothing(Int32Array) }, { boxes: Float64Array.from(all.flat()) });
+  const met = kernel.boxPairs(rows, BigInt64Array.from(legs, (_, n) => BigInt(n))).map(([, row]) => row - legs.length);
+  const near = new Set([...met, ...[...pack.is_cover.keys()].filter((row) => pack.is_cover[row])]);
+  return [...near].filter((row) => pack.object[row] !== object).sort((one, other) => one - other);
 }
 
 // A leg where its hull begins within half a turn of the prime meridian, and copies a turn further west of one that reaches beyond.
@@ -65,7 +72,7 @@ function onTurns(leg, [west, south, east, north], turnM) {
 // A pack of legs, and of some rows of another pack.
 function packed(pack, legs, others) {
   const rows = [...legs.map(({ row }) => row), ...others];
-  const made = { ...pack, hulls: null, ...taken(pack, rows) };
+  const made = { ...pack, hulls: null, columns: null, ...taken(pack, rows) };
   legs.forEach(({ last, from, to, bearing, turn }, row) => {
     made.start_us[row] = made.leg_start_us[row];
     made.end_us[row] = made.leg_end_us[row];

@@ -1,7 +1,7 @@
 // The selected object: what it is, how many conflicts it has, and what it comes nearest to if it has none.
 
 import { element } from "./dom.js";
-import { clock, counted, heights, metres, period, printable } from "./format.js";
+import { bound, clock, counted, heights, metres, period, printable } from "./format.js";
 
 export class ObjectCard {
   // `on`: whatIf(track), close(), goTo(object)
@@ -16,7 +16,7 @@ export class ObjectCard {
     this.container.replaceChildren();
   }
 
-  // `approach()` brings the nearest approach (approach.js), for an object without conflicts.
+  // `approach()` brings the nearest approach (nearest.js), for an object without conflicts.
   async show(object, conflicts, { isCurrent, asksWhatIf }, approach) {
     const asked = ++this.asked;
     const said = element("p", { class: "said", role: "status" }, conflicts > 0 ? `${counted(conflicts, "conflict")}, in the list below.` : "No conflict. Looking for what comes nearest …");
@@ -41,8 +41,8 @@ export class ObjectCard {
       if (asked === this.asked) said.textContent = `${none} What comes nearest is not known: ${printable(error.message)}.`;
     }
     if (asked !== this.asked || found === undefined) return;
-    said.replaceChildren(...(found === null ? [`${none} Nothing shares its time and heights.`] : [
-      `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other.key)), `, about ${metres(found.m)}`,
+    said.replaceChildren(...(found === null ? [`${none} Nothing comes within 1000 km at its time and heights.`] : [
+      `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other)), `, ${metres(found.m)} (within ${bound(found.error, "m")})`,
       ...(Number.isFinite(found.t) ? [", at ", element("button", { type: "button", class: "link", click: () => this.on.goTo(object, found.t) }, `${clock(found.t)}`)] : []), "."]));
   }
 }

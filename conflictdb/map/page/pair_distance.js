@@ -1,14 +1,13 @@
 // The distance of two objects over time, by the kernel: how deep they overlap, and when most.
 
-import { Kernel } from "./kernel.js";
-import { settingsOf, taken, unbounded, unpackPieces } from "./what_if.js";
+import { CONTACT, Kernel } from "./kernel.js";
+import { mayMeet, rowsOf, taken, together, unbounded, unpackPieces } from "./near.js";
 
 const SAMPLES = 96;
 const MOST_ASKED = 20_000; // distances of two pieces at an instant: some tenths of a second
 const PAD_SHARE = 0.3; // of the time of a conflict, that is shown before and after it
 const LEAST_PAD_S = 30;
-const STEPS = 24; // of the search for the deepest instant
-const GOLDEN = (Math.sqrt(5) - 1) / 2;
+const ERRORS_M = [0.01, 0.1, 1, 10, 100]; // that are tried
 
 export class PairDistance {
   constructor(kernel, pack, keys) {
@@ -16,18 +15,19 @@ export class PairDistance {
     this.base = Number(pack.base_us) / 1e6;
     const [a, b] = keys.map((key) => pack.objects.indexOf(key));
     const rows = Array.from(pack.object.keys()).filter((row) => pack.object[row] === a || pack.object[row] === b);
-    this.pieces = taken(pack, rows);
-    const settings = settingsOf(pack, ...[a, b].map((object) => rows.find((row) => pack.object[row] === object)));
-    this.separationM = pack.settings[Math.max(settings, 0)].separation_m;
-    this.pairs = [];
-    rows.forEach((one, i) => rows.forEach((other, j) => {
-      if (pack.object[one] === a && pack.object[other] === b && (pack.turn[one] === 0 || pack.turn[other] === 0)) this.pairs.push([i, j]);
-    }));
-    this.isWhole = !pack.is_cover.some((isCover, row) => isCover && rows.includes(row)) && this.pairs.length > 0;
-    this.start = Array.from(this.pieces.start_us, (us) => unbounded(Number(us)) / 1e6);
-    this.end = Array.from(this.pieces.end_us, (us) => unbounded(Number(us)) / 1e6);
+    const pieces = taken(pack, rows);
+    this.pieces = pieces;
+    const of = (object) => [...rows.keys()].filter((row) => pieces.object[row] === object);
+    const every = of(a).flatMap((one) => of(b).map((other) => [one, other]));
+    const isMet = mayMeet(kernel, rowsOf(pieces, { times: pieces }), every);
+    this.pairs = every.filter((_, n) => isMet[n]).map(([one, other]) => ({ a: one, b: other }));
+    this.isWhole = !pieces.is_cover.includes(1) && this.pairs.length > 0;
+    const [{ a: one, b: other } = { a: 0, b: 0 }] = this.pairs;
+    this.separationM = pack.settings[Math.max(pack.of_types[pieces.type[one]][pieces.type[other]], 0)].separation_m;
+    this.start = Array.from(pieces.start_us, (us) => unbounded(us) / 1e6);
+    this.end = Array.from(pieces.end_us, (us) => unbounded(us) / 1e6);
     // An area of several parts is deeper than each of them.
-    this.isOfParts = [a, b].some((object) => rows.filter((row) => pack.object[row] === object && pack.moves[row] === 0).length > 1);
+    this.isOfParts = [a, b].some((object) => of(object).filter((row) => pieces.moves[row] === 0).length > 1);
   }
 
   // Distances at instants (Unix seconds), metres: null where one of the objects is not there, or it is not known.
@@ -35,7 +35,7 @@ export class PairDistance {
     const asked = [];
     instants.forEach((instant, n) => {
       const t = instant - this.base;
-      for (const [a, b] of this.pairs) {
+      for (const { a, b } of this.pairs) {
         if (t >= Math.max(this.start[a], this.start[b]) && t <= Math.min(this.end[a], this.end[b])) asked.push({ n, a, b, us: Math.round(1e6 * t) });
       }
     });
@@ -52,7 +52,7 @@ export class PairDistance {
     return nearest;
   }
 
-  // Samples around a conflict, [[t, metres], …], and the least of them: { samples, least: [t, metres] }; null: not known.
+  // Samples around a conflict, [[t, metres], …], and the least distance: { samples, least: [t, metres, error] }; null: not known.
   around({ start, end, periods }) {
     if (!this.isWhole || !Number.isFinite(start) || !Number.isFinite(end)) return null;
     const pad = Math.max(LEAST_PAD_S, PAD_SHARE * (end - start));
@@ -62,24 +62,31 @@ export class PairDistance {
     const metres = this.at(every);
     const samples = every.flatMap((t, n) => (metres[n] === null ? [] : [[t, metres[n]]]));
     if (samples.length < 2) return null;
-    const n = samples.reduce((best, [, m], i) => (m < samples[best][1] ? i : best), 0);
-    const least = this.search(samples[Math.max(0, n - 1)][0], samples[Math.min(samples.length - 1, n + 1)][0], samples[n]);
-    return { samples, least, separationM: this.separationM, isOfParts: this.isOfParts };
+    return { samples, least: this.least(from, to), separationM: this.separationM, isOfParts: this.isOfParts };
   }
 
-  // The least distance between two instants, where it falls and rises again.
-  search(from, to, known) {
-    let [low, high, least] = [from, to, known];
-    for (let n = 0; n < STEPS; n += 1) {
-      const [t1, t2] = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-      const [m1, m2] = this.at([t1, t2]);
-      if (m1 === null || m2 === null) return least;
-      if (m1 < least[1]) least = [t1, m1];
-      if (m2 < least[1]) least = [t2, m2];
-      if (m1 < m2) high = t2;
-      else low = t1;
-    }
-    return least;
+  // The least distance between two instants, when, and by how much it may be less: [t, metres, metres].
+  least(from, to) {
+    const every = together(this.pieces, this.pairs);
+    const [first, last] = [from, to].map((t) => every.low.map((_, n) => t - this.base - Number(every.zero[n]) / 1e6));
+    const there = [...first.keys()].filter((n) => first[n] <= every.high[n] && last[n] >= 0);
+    const some = (values) => values.constructor.from(there, (n) => values[n]);
+    const asked = {
+      a: some(every.a), b: some(every.b), zero: some(every.zero), low: some(first.map((s) => Math.max(0, s))),
+      high: some(last.map((s, n) => Math.min(every.high[n], s))),
+    };
+    return this.kernel.withScene(this.pieces, null, (scene) => {
+      const found = this.kernel.deepest(scene, asked);
+      const n = found.reduce((best, { m }, k) => (m < found[best].m ? k : best), 0);
+      return [this.base + Number(asked.zero[n]) / 1e6 + found[n].at, found[n].m, this.errorOf(scene, asked, found[n].m)];
+    });
+  }
+
+  // By how much pairs may be nearer or deeper than they were seen, metres: no contact is deeper than that by more.
+  errorOf(scene, asked, m) {
+    return ERRORS_M.find((error) => this.kernel.contacts(scene, { ...asked, beyond: null, ofObjects: null }, {
+      separation_m: Math.max(0, m), tolerance_m: Math.max(0, -m) + error,
+    }).every(({ verdict }) => verdict === CONTACT.GRAZING)) ?? Infinity;
   }
 }
 
@@ -87,7 +94,7 @@ export class PairDistance {
 export async function distanceAround(source, kernel, conflict, track) {
   const [functions, pieces] = await Promise.all([kernel(), source.pieces(track, 0)]);
   const pack = unpackPieces(pieces);
-  if (pack.refusal !== null || ![conflict.a, conflict.b].every((key) => pack.objects.includes(key))) return null;
+  if (![conflict.a, conflict.b].every((key) => pack.objects.includes(key))) return null;
   return new PairDistance(functions, pack, [conflict.a, conflict.b]).around(conflict);
 }
 

@@ -4,7 +4,7 @@
 import { element } from "./dom.js";
 import { apartDuring, bandAt, bandsOf, LAYERS } from "./heights.js";
 import { clock, grouped, labelOf, metres, printable } from "./format.js";
-import { passes, presence, wayOf } from "./passes.js";
+import { wayOf } from "./way.js";
 import { colour, font, theme } from "./theme.js";
 
 const MOST_BANDS = 300; // more would be one area
@@ -22,9 +22,9 @@ const whenOf = (span) => [...new Set(span.map((t) => clock(t, false)))].join(" â
 const scaled = (m) => (Number.isFinite(m) ? Math.asinh(m / ROUND_M) : m);
 
 export class SideView {
-  // In a section; on the scale of a timeline. `shapes()` brings rings of areas by key. `on`: layers(set), mode(name), time(t).
-  constructor(section, timeline, shapes, on) {
-    Object.assign(this, { section, timeline, shapes, on });
+  // In a section; on the scale of a timeline. `passes(track)` brings when it passes others (passes.js). `on`: layers(set), mode(name), time(t).
+  constructor(section, timeline, passes, on) {
+    Object.assign(this, { section, timeline, passes, on });
     this.mode = null; // "time", "track", or null: not shown
     this.layers = new Set(LAYERS);
     this.scene = null; // { objects, conflicts, subject, pair }
@@ -92,31 +92,22 @@ export class SideView {
   // Finds what passes the subject, and draws it.
   async find() {
     this.found = [];
+    this.problem = null;
     const { scene } = this;
     const asked = ++this.asked;
     if (this.mode === null || !scene) return;
     this.way = scene.subject && wayOf(scene.subject.motion);
     this.draw();
-    let rings;
+    const { subject } = scene;
+    let passed = new Map();
     try {
-      rings = await this.shapes();
-    } catch {
-      rings = new Map(); // tracks are known without
+      passed = await this.passes(subject);
+    } catch (error) {
+      if (asked === this.asked) this.problem = printable(error.message);
     }
     if (asked !== this.asked) return;
-    const { subject } = scene;
-    if (!subject) {
-      this.say();
-      this.draw();
-      return;
-    }
-    const own = presence(subject, null);
-    const box = boxOf(subject);
-    this.found = scene.objects.filter((object) => object !== subject && isNear(box, boxOf(object))).flatMap((object) => {
-      const other = presence(object, rings.get(object.key));
-      const spans = other ? passes(own, other).map((span) => ({ span, apart: apartDuring(subject, object, span) })) : [];
-      return spans.length ? [{ object, spans }] : [];
-    });
+    this.found = scene.objects.filter(({ key }) => passed.has(key)).map((object) => (
+      { object, spans: passed.get(object.key).map((span) => ({ span, apart: apartDuring(subject, object, span) })) }));
     this.say();
     this.draw();
   }
@@ -128,6 +119,8 @@ export class SideView {
       const isHigh = objects.some(({ floor, ceiling }) => floor !== null || ceiling !== null);
       const more = objects.length > MOST_BANDS ? ` ${MOST_BANDS} of ${grouped(objects.length)} objects are shown.` : "";
       this.said.textContent = objects.length === 0 ? "No object is left to show." : isHigh ? `Select an object to see what passes above and below it.${more}` : "No object has a limit of height.";
+    } else if (this.problem) {
+      this.said.textContent = `What passes ${printable(subject.key)} is not known: ${this.problem}.`;
     } else {
       const all = this.found.flatMap(({ object, spans }) => spans.filter(({ apart }) => apart).map(({ span, apart }) => ({ object, span, apart })))
         .sort((one, other) => one.apart[0] - other.apart[0] || one.span[0] - other.span[0]);
@@ -362,32 +355,4 @@ export class SideView {
     context.fillStyle = colour("ink");
     context.fillRect(Math.round(this.x(this.t)) - 1, 0, 2, canvas.clientHeight - (this.isAlong ? AXIS : 0));
   }
-}
-
-// The box of an object, degrees; longitudes may reach across the date line.
-function boxOf(object) {
-  if (object.kind === "area") return object.box;
-  if (!object.extent) {
-    let { lon } = object.motion.points[0];
-    const box = [lon, 90, lon, -90];
-    object.motion.points.forEach((point) => {
-      lon += ((point.lon - lon + 540) % 360) - 180;
-      box[0] = Math.min(box[0], lon);
-      box[2] = Math.max(box[2], lon);
-      box[1] = Math.min(box[1], point.lat);
-      box[3] = Math.max(box[3], point.lat);
-    });
-    // Great circles reach further toward a pole.
-    const bend = object.motion.scene.motion === "great_circle" ? ((box[2] - box[0]) ** 2) / 400 : 0;
-    const room = object.motion.reachM / 110_000 + bend;
-    const highest = Math.min(89.9, Math.max(Math.abs(box[1]), Math.abs(box[3])) + room);
-    const across = room / Math.cos((highest * Math.PI) / 180);
-    object.extent = [box[0] - across, box[1] - room, box[2] + across, box[3] + room];
-  }
-  return object.extent;
-}
-
-function isNear(one, other) {
-  const turn = 360 * Math.round((one[0] + one[2] - other[0] - other[2]) / 720);
-  return one[1] <= other[3] && other[1] <= one[3] && one[0] <= other[2] + turn && other[0] + turn <= one[2];
 }

@@ -136,6 +136,11 @@ export class ServerSource {
     return (await answered(fetch(this.at("api/pieces", { key, within_s: withinS })))).arrayBuffer();
   }
 
+  // Pieces of an object, and of what comes within so many metres of it.
+  async piecesNear(key, withinM) {
+    return (await answered(fetch(this.at("api/pieces", { key, near_m: withinM })))).arrayBuffer();
+  }
+
   acknowledge(a, b, reason) {
     return this.write("api/acknowledge", { a, b, reason });
   }
