@@ -16,7 +16,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import offsets
-from conflictdb.kernel.rows import interleaved
+from conflictdb.kernel.rows import Part, interleaved
 from conflictdb.model.results import Verdict
 from conflictdb.store import copy_binary
 from conflictdb.store.conflict_encoding import columns_of
@@ -196,8 +196,9 @@ def _notifications(
     one, other = (new.named.take(np.where(is_short, nobody, of)) for of in (a, b))
     opening, closing = (np.tile(np.frombuffer(mark, np.uint8), (len(a), 1)) for mark in (b"[", b"], "))
     # Two events are separated by a comma and a space.
-    parts = [opening, *((column.data, column.offset) for column in (digits, one, other)), closing]
-    text, ends = interleaved(parts).tobytes(), np.cumsum(np.where(is_short, length - sizes[a] - sizes[b], length) + 2)
+    names: list[Part] = [(column.data, column.offset) for column in (digits, one, other)]
+    text = interleaved([opening, *names, closing]).tobytes()
+    ends = np.cumsum(np.where(is_short, length - sizes[a] - sizes[b], length) + 2)
     room = max(_PAYLOAD_BYTES - _EVENT_BYTES - len(head), 1)
     bounds = [0, *ends[np.flatnonzero(np.diff(ends // room))].tolist(), *ends[-1:].tolist()]
     return [head + text[first : end - 2] + b"]}" for first, end in pairwise(bounds)]
