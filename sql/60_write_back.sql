@@ -92,8 +92,9 @@ $$;
 COMMENT ON FUNCTION _conflict_region(
     bigint, smallint, bigint, bigint, smallint, bigint, bigint, tstzmultirange, text) IS
 'Region of a conflict, longitude and latitude in degrees, a superset. Two areas: intersection of their footprints, and '
-'some metres. Otherwise: intersection of the hulls swept during the periods. Used if detection did not compute the region: great '
-'circles next to a pole, objects that could not be cut, pairs that could not be solved. Null if nothing intersects.';
+'some metres. Otherwise: intersection of the hulls swept during the periods. Used if detection did not compute the '
+'region: great circles next to a pole, objects that could not be cut, pairs that could not be solved. Null if nothing '
+'intersects.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._covering(p_region geometry, p_place geometry) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -83,7 +83,8 @@ COMMENT ON COLUMN conflicts.verdict IS
 COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian: contains every place where both '
 'meet. Two overlapping areas: their intersection. Otherwise the intersection of the places swept during the contacts, '
-'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null only in databases older than stored regions, until the next detection; is_current is then false.';
+'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null only in '
+'databases older than stored regions, until the next detection; is_current is then false.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
 'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';

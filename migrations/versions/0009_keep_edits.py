@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "20318985e3f0aaf4faa27071f0d85f22e8782e49eaf948700641d822d548879a"
+routines_sha256 = "834a74e4dd500f307270a04924053037000100fbe29ba04e0fc85f6f83c57003"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

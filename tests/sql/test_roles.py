@@ -206,8 +206,9 @@ def test_what_runs_as_its_owner_pins_its_search_path(conn: Conn) -> None:
                  AND prosecdef ORDER BY proname"""
     ).fetchall()
     assert [name for name, _ in routines] == [
-        "_admission_holders", "_after_attachment_removal", "_after_branch", "_after_branch_edit",
-        "_after_object_change", "_after_replicated_object", "_after_replicated_removal", "_after_replicated_rule",
+        "_admission_holders", "_after_attachment_opened", "_after_attachment_removal", "_after_branch",
+        "_after_branch_edit", "_after_object_change",
+        "_after_replicated_object", "_after_replicated_removal", "_after_replicated_rule",
         "_after_rule_change", "_after_scene_change", "_after_scene_removal", "_after_scene_resettled",
         "_branch_edit_before", "_close_attached_schema", "_create_note", "_end_pieces", "_first_version",
         "_free_attached_name", "_free_orphan_name", "_open_attached_schema", "_prune_probes", "_scene_holders",
