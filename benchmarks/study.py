@@ -1,6 +1,6 @@
-"""The paper's study again: the time of a detection, in all and by stage, for each kind of scene.
+"""The paper's study again, and the trade of speed against accuracy: the time of a detection, in all and by stage.
 
-    ./.venv/bin/python benchmarks/study.py [--objects 100 ... 800] [--seeds 10] [--methods exact nlp] [--dsn DSN]
+    ./run python benchmarks/study.py [--objects 100 ... 800] [--seeds 10] [--methods exact nlp screen] [--dsn DSN]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--redraw]
 
 Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021, figures 6 to
@@ -9,6 +9,9 @@ that meet and for false alarms. Random scenes of its workload (made_scenes.py): 
 alone; WGS84, tolerance 1 m, in the database, every row new. Several scenes of each size, as in figure 6: their median,
 and the least and the most of total time and of conflicts. Seconds are processor seconds of client and server
 (measured.py); one column is by the clock.
+
+The trade is a whole detection by `screen` and by `nlp` against one by `exact`, and the share of the pairs that `screen`
+reports and `exact` proves apart. Nothing but the default installation is needed.
 
 The last two columns are stage 4 alone, on the scene's pairs of pieces in memory: processor time per pair that meets,
 and per pair that does not. Stage 3 of `exact` is the closed form, which decides few pairs.
@@ -22,6 +25,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from curves import BLUE, GREEN, ORANGE, Curve, Panel, figure
 from made_scenes import Kind, box
 from measured import STAGES, WARM, Detection, detect, fresh_database, load, medians, read_csv, versions, write_csv
 from tables import markdown, show
@@ -40,7 +44,7 @@ from conflictdb.core.stage4.contact_search import contacts
 from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind as ObjectKind
 
-METHODS: Final = (Method.EXACT, Method.NLP)
+METHODS: Final = (Method.EXACT, Method.NLP, Method.SCREEN)
 # Pairs of each sort whose stage 4 is timed by itself; a program takes milliseconds.
 ASKED: Final = {Method.EXACT: 20_000, Method.NLP: 40}
 
@@ -61,7 +65,8 @@ def measure(
     scene = replace(scene, name=f"{kind} {objects} {seed} {method}", method=method)
     load(db, scene, [(areas, tracks)])
     found = detect(db, scene.name)
-    return found, stage4(scene, areas, tracks) if tracks and seed < seeds else Stage4(None, None)
+    is_solved = tracks and seed < seeds and method is not Method.SCREEN
+    return found, stage4(scene, areas, tracks) if is_solved else Stage4(None, None)
 
 
 def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
@@ -125,7 +130,17 @@ def study(dsn: str, sizes: list[int], seeds: int, methods: list[Method]) -> list
                     print(
                         f"{method:>6} {kind:>7} {objects:>5}: {row['conflicts']:>7} conflicts, {row['total_s']:.3f} s"
                     )
-    return rows
+    return [row | traded(row, rows) for row in rows]
+
+
+def traded(row: dict[str, object], rows: list[dict[str, object]]) -> dict[str, object]:
+    """Return the seconds of a row against those of `exact`, and the share of its pairs that `exact` does not report."""
+    for other in rows:
+        if other["method"] == Method.EXACT.value and all(other[name] == row[name] for name in ("kind", "objects")):
+            ratio = row["cpu_s"] / other["cpu_s"] if row["cpu_s"] and other["cpu_s"] else None
+            never = 1.0 - other["conflicts"] / row["conflicts"] if row["conflicts"] else 0.0
+            return {"of_exact": ratio, "never_meet": max(never, 0.0)}
+    return {"of_exact": None, "never_meet": None}
 
 
 def spread(found: list[Detection]) -> dict[str, object]:
@@ -138,38 +153,36 @@ def spread(found: list[Detection]) -> dict[str, object]:
 
 
 def draw(rows: list[dict], path: Path) -> None:
-    """Draw a panel for each question of the study."""
-    from figures import BLUE, GREEN, ORANGE, both_logarithmic, figure
-
+    """Draw a panel for each figure of the paper, and two for the trade."""
     colours = {Kind.STATIC: BLUE, Kind.MIXED: GREEN, Kind.TRACKS: ORANGE}
+    dashes = {Method.EXACT.value: "", Method.NLP.value: "2 3", Method.SCREEN.value: "7 3"}
+    seconds, microseconds = "processor seconds", "microseconds"
     questions = (
-        ("all, against objects", "objects", "cpu_s"),
-        ("all, against conflicts", "conflicts", "cpu_s"),
-        ("stage 1, broad phase", "objects", "stage1_s"),
-        ("stage 2, intersection", "candidate_pairs", "stage2_s"),
-        ("stage 3, projection", "intersecting_pairs", "stage3_s"),
-        ("stage 4, solver", "window_pairs", "stage4_s"),
-        ("a pair in stage 4 that meets", "objects", "met_us"),
-        ("a false alarm in stage 4", "objects", "apart_us"),
+        ("6: all, against objects", "objects", "cpu_s", seconds),
+        ("7: all, against conflicts", "conflicts", "cpu_s", seconds),
+        ("8: stage 1, broad phase", "objects", "stage1_s", seconds),
+        ("9: stage 2, intersection", "candidate_pairs", "stage2_s", seconds),
+        ("10: stage 3, projection", "intersecting_pairs", "stage3_s", seconds),
+        ("11: stage 4, solver", "window_pairs", "stage4_s", seconds),
+        ("12: a pair in stage 4 that meets", "objects", "met_us", microseconds),
+        ("12: a false alarm in stage 4", "objects", "apart_us", microseconds),
+        ("the trade: seconds, times exact", "objects", "of_exact", "times exact"),
+        ("the trade: reported, never meet", "objects", "never_meet", "share of pairs"),
     )
-    with figure(path, 2, 4, (12.0, 6.0)) as (drawn, panels):
-        for panel, (title, across, up) in zip(panels.flat, questions, strict=True):
+    with figure(path, 4) as panels:
+        for title, across, up, unit in questions:
+            panel = Panel(title, across.replace("_", " "), unit)
+            panels.append(panel)
             for method in dict.fromkeys(row["method"] for row in rows):
                 for kind, colour in colours.items():
                     own = [row for row in rows if (row["method"], row["kind"]) == (method, kind)]
-                    at = sorted((row[across], row[up]) for row in own if row[across] and row[up])
+                    at = sorted((row[across], row[up]) for row in own if row[across] and row.get(up))
+                    if at:
+                        panel.curves.append(Curve(at, f"{kind}, {method}", colour, dashes[method]))
                     if (up, across) == ("cpu_s", "objects"):
                         ends = sorted((row[across], row["cpu_s_least"], row["cpu_s_most"]) for row in own if row[up])
-                        if ends:
-                            sizes, least, most = zip(*ends, strict=True)
-                            panel.fill_between(sizes, least, most, color=colour, alpha=0.25, linewidth=0)
-                    if at:
-                        line = "o-" if method == Method.EXACT else "s:"
-                        panel.plot(*zip(*at, strict=True), line, color=colour, markersize=3, label=f"{kind}, {method}")
-            unit = "microseconds" if up.endswith("_us") else "processor seconds"
-            both_logarithmic(panel, title, across.replace("_", " "), unit)
-        drawn.legend(*panels[0][0].get_legend_handles_labels(), loc="lower center", ncols=6, fontsize=8, frameon=False)
-        drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0))
+                        low, high = ([(size, bound[k]) for size, *bound in ends] for k in (0, 1))
+                        panel.bands.append((low, high, colour))
 
 
 def table(rows: list[dict]) -> str:
@@ -197,13 +210,14 @@ def table(rows: list[dict]) -> str:
             "" if row["cpu_s"] is None else f"{row['cpu_s']:.3g}",
             "" if row["cpu_s"] is None else f"{row['cpu_s_least']:.3g} - {row['cpu_s_most']:.3g}",
             *(f"{row[name]:.2g}" for name in STAGES),
-            *("" if row[name] is None else f"{row[name]:,.2g}" for name in ("met_us", "apart_us")),
+            *("" if row[name] is None else f"{row[name]:,.2g}" for name in ("met_us", "apart_us", "of_exact")),
+            "" if row["never_meet"] is None else f"{row['never_meet']:.0%}",
         ]
         for row in rows
         if row["objects"] == largest
     ]
     scenes = max(row["scenes"] for row in rows)
-    heads = (*heads, "a pair that meets, us", "a false alarm, us")
+    heads = (*heads, "a pair that meets, us", "a false alarm, us", "times exact", "never meet")
     return f"{largest} objects, medians of {scenes} scenes:\n\n{markdown(heads, lines)}"
 
 
@@ -214,12 +228,10 @@ def main() -> None:
     parser.add_argument("--objects", type=int, nargs="+", default=[100, 200, 300, 400, 500, 600, 700, 800])
     parser.add_argument("--seeds", type=int, default=10, help="scenes of each size")
     parser.add_argument("--methods", type=Method, nargs="+", default=list(METHODS), choices=METHODS)
-    parser.add_argument("--folder", type=Path, help="write study.csv and study.svg there (the figure needs matplotlib)")
+    parser.add_argument("--folder", type=Path, help="write study.csv and study.svg there")
     parser.add_argument("--document", type=Path, help="put the table there")
     parser.add_argument("--redraw", action="store_true", help="measure nothing: take the numbers from the folder")
     args = parser.parse_args()
-    if args.folder:
-        import figures  # noqa: F401  # reports how to install a missing matplotlib before anything is measured
     if args.redraw:
         rows, told = read_csv(args.folder / "study.csv"), None
     else:

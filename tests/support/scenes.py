@@ -14,8 +14,6 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from mpmath import mp, mpf, quad
-from mpmath import sin as mp_sin
 
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
@@ -49,6 +47,10 @@ class Known:
 @cache
 def meridian_m(earth: EarthModel, lat_deg: float) -> float:
     """Metres along the meridian from the equator, by quadrature in 30 digits."""
+    # Benchmarks use these scenes without the developers' tools.
+    from mpmath import mp, mpf, quad
+    from mpmath import sin as mp_sin
+
     with mp.workdps(30):
         f, a = mpf(FLATTENING[earth]), mpf(RADIUS_M[earth])
         e2 = f * (2 - f)
