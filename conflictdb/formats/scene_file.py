@@ -459,7 +459,7 @@ def _object(i: int, feature: Any, setting: file_objects.FileContext, derived: li
         properties = dict(zip(renamed(list(properties)), properties.values(), strict=True))
     key = feature.get("id")
     if key is None and isinstance(properties, dict):  # as written by OGR and others
-        named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), "")
+        named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), None)
         key = properties.get(named)
         properties = {name: value for name, value in properties.items() if name != named}
     if key is None:

@@ -150,6 +150,15 @@ def test_plans_with_every_column_are_plain() -> None:
     assert_read_alike(text, skip_invalid=False)
 
 
+def test_a_property_without_a_name_is_no_id() -> None:
+    ring = [[4, 57], [5, 57], [5, 58], [4, 57]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    features: list[Any] = [{"type": "Feature", "geometry": shape, "properties": {"": 7, "floor_m": 1.0}}]
+    contents = assert_read_alike(document(features), skip_invalid=False)
+    assert contents is not None
+    assert [(one.key, one.properties) for one in contents.areas] == [("s.1", {"": 7})]
+
+
 def test_a_strange_feature_leaves_the_others_plain() -> None:
     ring = [[4, 57], [5, 57], [5, 58], [4, 57]]
     features: list[Any] = [
