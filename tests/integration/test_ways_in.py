@@ -325,7 +325,7 @@ def test_attach_in_python_warns_of_times_that_are_not_read(db: conflictdb.Databa
     assert told[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        db.scene("strait").preview_attachment("area", "plan", {**mapped, "start": "valid_from"})
+        db.scene("strait").preview_attachment("area", "plan", {**mapped, "start": "valid_from"}, again=True)
 
 
 def test_one_reason_of_many_left_out_objects_is_one_warning(dsn: str, tmp_path: Path) -> None:

@@ -442,7 +442,7 @@ def test_duplicate_keys_of_two_writers_at_once_cannot_both_be_put(conn: Conn, ds
         ("SELECT put_area('nowhere', 'A', {square})", 4),
         ("SELECT * FROM conflicts_of('nowhere', 'A')", 3),
         ("SELECT acknowledge('s', 'A', 'B', 'seen')", 3),
-        ("SELECT attach('s', 'area', 'pg_class', '{{}}')", 5),
+        ("SELECT attach('s', 'area', 'pg_class', '{{}}')", 7),  # reattach shares the checks
     ],
 )
 def test_the_context_of_a_refusal_is_short_and_without_its_source(scene: Conn, statement: str, most: int) -> None:
