@@ -183,9 +183,12 @@ def _duration_s(text: str) -> float | None:
     """Return h:mm:ss, h:mm, or numbers with units, largest first, in seconds; None for anything else."""
     if clock := re.fullmatch(r"(\d{1,9}):([0-5]\d)(?::([0-5]\d(?:\.\d{1,9})?))?", text):
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3] or 0.0)
-    if not re.fullmatch(rf"(\d{{1,12}}(\.\d{{1,12}})?\s*({'|'.join(_UNITS_S)})\s*)+", text):
+    if not re.fullmatch(r"(\d{1,12}(\.\d{1,12})?\s*(ms|min|m|s|h|d)\s*)+", text):  # the keys of _UNITS_S
         return None
-    parts = [(float(number), _UNITS_S[unit]) for number, unit in re.findall(r"([\d.]+)\s*([a-z]+)", text)]
+    parts = [
+        (float(number), _UNITS_S[unit])
+        for number, unit in re.findall(r"(\d{1,12}(?:\.\d{1,12})?)\s*(ms|min|m|s|h|d)", text)
+    ]
     in_order = all(unit > smaller for (_, unit), (_, smaller) in pairwise(parts))
     return sum(number * unit for number, unit in parts) if in_order else None
 
