@@ -81,7 +81,7 @@ COMMENT ON COLUMN conflicts.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided, '
 'periods then say when they might meet. Treat unresolved as a conflict; after screen, detect with exact.';
 COMMENT ON COLUMN conflicts.region IS
-'Region of the conflict, longitude and latitude in degrees, split at the antimeridian: contains every place where both '
+'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Contains every place where both '
 'meet. Two overlapping areas: their intersection. Otherwise the intersection of the places swept during the contacts, '
 'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null only in '
 'databases older than stored regions, until the next detection; is_current is then false.';

@@ -194,8 +194,9 @@ def _duration_s(text: str) -> float | None:
 
 
 def seconds(text: str) -> float:
-    """Return 0, or a duration in seconds."""
-    return 0.0 if re.fullmatch(r"0(\.0+)?\s*s?", text.strip()) else duration_s(text)
+    """Return seconds, or a duration in seconds: for options with the unit in their name."""
+    number = re.fullmatch(r"(\d{1,12}(?:\.\d{1,12})?)\s*s?", text.strip())
+    return duration_s(text) if number is None else _number(number[1], "must be at most 11574d, 31 years", 0.0, _MOST_S)
 
 
 def days(text: str) -> float:

@@ -506,7 +506,8 @@ SELECT (SELECT pg_catalog.string_agg(DISTINCT pg_catalog.quote_ident(m.rolname),
         FROM pg_catalog.pg_auth_members g JOIN pg_catalog.pg_roles m ON m.oid = g.member
         WHERE g.admin_option AND g.roleid = 'conflictdb_worker'::regrole),
        pg_catalog.quote_ident(current_user)
-WHERE NOT (SELECT r.rolsuper OR r.rolcreaterole AND pg_catalog.current_setting('server_version_num')::integer < 160000
+WHERE pg_has_role((SELECT n.nspowner FROM pg_catalog.pg_namespace n WHERE n.nspname = 'conflictdb'), 'USAGE')
+  AND NOT (SELECT r.rolsuper OR r.rolcreaterole AND pg_catalog.current_setting('server_version_num')::integer < 160000
            FROM pg_catalog.pg_roles r WHERE r.rolname = current_user)
   AND NOT (pg_has_role('conflictdb_reader', 'MEMBER WITH ADMIN OPTION')
            AND pg_has_role('conflictdb_editor', 'MEMBER WITH ADMIN OPTION')

@@ -66,7 +66,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
             solver=Solver.PROGRAMS,
             says="certified times, found by the published program",
             promises="the same as `exact`",
-            costs="300 to 600 times `exact`",
+            costs="300 to 600 times `exact` a pair, 3 to 49 times a whole detection",
         ),
     }
 )

@@ -11,7 +11,7 @@ import shapely
 
 from conflictdb.client.database import connect
 from conflictdb.errors import InvalidInput
-from conflictdb.model import plans
+from conflictdb.model import plan_rules
 from conflictdb.model.plans import MAX_POINTS, Area, Track
 
 Conn = psycopg.Connection[Any]
@@ -113,7 +113,7 @@ def test_files_are_held_to_the_limit_of_the_database(dsn: str, tmp_path: Path) -
 
 
 def test_python_has_the_same_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plans, "MAX_POINTS", 4)
+    monkeypatch.setattr(plan_rules, "MAX_POINTS", 4)
     with pytest.raises(InvalidInput, match=r"area 'A'.*must have at most 4 vertices; got 5 .*split"):
         Area("A", shapely.box(0, 0, 1, 1))
     line, point = np.zeros((5, 2)) + np.arange(5)[:, None], np.zeros((1, 2))

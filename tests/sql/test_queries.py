@@ -89,6 +89,7 @@ def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
         *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
         *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name", "lacking_s"),
         "certainty",
+        *("a_table", "a_row", "b_table", "b_row"),
     ]
 
 
