@@ -73,7 +73,7 @@ def test_a_submarine_under_a_ferry_is_seen(open_strait: Open, of: str) -> None:
     page.reload()
     page.wait_for_selector("html[data-ready=true]", state="attached")
     wait_until(page, "conflictdbPage.side.isAlong")
-    assert "SUB-2 13 m below" in said(page)
+    expect(page.locator("#heights .said")).to_contain_text("SUB-2 13 m below")
 
 
 def test_chips_leave_what_is_below_at_the_surface_or_in_the_air(open_strait: Open) -> None:

@@ -56,9 +56,9 @@ def said(page: Page, text: str) -> None:
 def press_waypoint(page: Page, name: str, key: str) -> None:
     """Move a waypoint by a key, again if the page has just made its waypoints anew: the key was lost then."""
     handle = page.get_by_role("button", name=name)
-    place = "(one) => one.style.transform"
-    before = handle.evaluate(place)
-    wait_until(page, lambda: handle.evaluate(place) != before or handle.press(key))
+    place = "JSON.stringify(conflictdbPage.departure.waypoint)"
+    before = page.evaluate(place)
+    wait_until(page, lambda: page.evaluate(place) != before or handle.press(key))
 
 
 def copied(page: Page, what: str) -> str:

@@ -141,9 +141,9 @@ class Page {
       });
     }
     // For the console of a browser, and tests.
-    const { view, havens, polar, graticule, timeline, side, placeNames } = this;
+    const { view, havens, polar, graticule, timeline, side, placeNames, departure } = this;
     globalThis.conflictdbPage = {
-      view, havens, polar, graticule, timeline, side, placeNames, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      view, havens, polar, graticule, timeline, side, placeNames, departure, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
       moveTo: (t) => this.moveTo(t), flags: () => state.flags(), passes: (track) => this.passes(track), nearest: (key) => this.nearest(key),
     };
     await view.loaded;
