@@ -213,9 +213,9 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
-def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
+def test_a_late_answer_leaves_the_copy_that_was_said(strait: str, open_page: Open) -> None:
     """The server answers about a moved waypoint after the plan was copied."""
-    page = open_strait((1280, 900))
+    page = open_page(strait, size=(1280, 900), **COPIES)
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     asked: list[Route] = []
