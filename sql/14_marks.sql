@@ -54,6 +54,8 @@ BEGIN
         EXECUTE format('DELETE FROM object_key k USING old_rows o WHERE k.scene_id = o.scene_id AND k.key = o.key'
                        || CASE TG_OP WHEN 'UPDATE' THEN ' AND NOT EXISTS (SELECT FROM new_rows n WHERE n.%1$I = o.%1$I '
                                                         'AND n.key = o.key)' ELSE '' END, v_id);
+    ELSIF NOT EXISTS (SELECT FROM new_rows) THEN
+        RETURN NULL; -- A load that only updates waits for no lock of the pieces.
     END IF;
     IF TG_OP = 'DELETE' THEN
         -- If the scene was removed, its marks are removed too.

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2efb140422fc0f47c0a664fb90c041b5abc2970eb3498f2f7c89d8fadfe27e39"
+routines_sha256 = "9b5da53f1ea97d2d7556adf6b89307a54bb659a1e60321b911e85af0c19ec7bb"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
