@@ -1,4 +1,4 @@
-"""Import what a package offers when it is first used."""
+"""Import the public names of a package at first use."""
 
 import ast
 import sys

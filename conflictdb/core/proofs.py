@@ -290,7 +290,7 @@ def _joined(pairs: _PiecePairs, found: Directions, row: _Ints, low: Floats, high
 
 
 class _Trial(NamedTuple):
-    """An instant of a pair at which contact is looked for; of: what it is for."""
+    """An instant at which a pair is searched for contact; of: the kind of proof that needs it."""
 
     of: tuple[int, int, str]
     row: int

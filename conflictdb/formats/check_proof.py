@@ -737,7 +737,7 @@ class Checker:
                 self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
 
     def run(self) -> None:
-        """Check that all pairs are apart, but where something is reported, and that what is reported is so."""
+        """Check that every pair is apart except during its reported conflicts, and that these are true."""
         for piece in self.scene.pieces:
             piece.box = self.scene.box(piece)
         for p, q, turns in _meeting(self.scene):

@@ -68,7 +68,7 @@ def members(
 
 
 def joined(chunks: Iterator[str], most: float) -> str:
-    """Return a text that arrives in parts; raises InvalidInput for more than so many characters."""
+    """Return a text that arrives in parts; raises InvalidInput beyond the limit of characters."""
     found, size = [], 0
     for chunk in chunks:
         found.append(chunk)

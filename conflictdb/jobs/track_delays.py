@@ -87,7 +87,7 @@ def read_departing(
 def read_near(
     conn: psycopg.Connection[Any], scene: str, key: str, within_m: float
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene, an object, and what comes within so many metres of it at its times and heights.
+    """Return a scene, an object, and the others within a distance of it, metres, at its times and heights.
 
     Without the object the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """

@@ -89,7 +89,7 @@ def service(conn: psycopg.Connection[Any]) -> Service:
 
 @dataclass(frozen=True, slots=True)
 class SceneAlarm:
-    """What somebody may have to be called for, of a scene.
+    """Alarms of a scene: its state, as metrics show it.
 
     waiting_since : when the first change was made that waits, also one of an attached table of another role; None: none
     unmapped : rows of attached tables that are no objects

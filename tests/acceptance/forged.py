@@ -2,7 +2,7 @@
 
     ./run python tests/acceptance/forged.py --proofs 1000000 --seed 1
 
-Small random scenes are certified. One thing of a proof is changed at a time, as somebody would who wants to hide a
+Small random scenes are certified. One thing of a proof is changed at a time, as a forger would who wants to hide a
 conflict or who sends the file over a bad line: an angle, an instant, a place, a step, a line, a verdict, a period, a
 slice, an object. Digests are made anew, so that only what the proof says can give it away. Bytes are damaged, too, with
 the digests as they were. A proof that is accepted although its objects or verdicts changed is compared with brute

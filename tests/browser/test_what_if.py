@@ -54,7 +54,7 @@ def said(page: Page, text: str) -> None:
 
 
 def press_waypoint(page: Page, name: str, key: str) -> None:
-    """Move a waypoint by a key, again if the page has just made its waypoints anew: the key was lost then."""
+    """Move a waypoint by a key, again if the page rebuilds its waypoints at that moment, which loses the key."""
     handle = page.get_by_role("button", name=name)
     place = "JSON.stringify(conflictdbPage.departure.waypoint)"
     before = page.evaluate(place)

@@ -47,7 +47,7 @@ def elsewhere(db: Database, statement: str) -> list[Any]:
 
 
 def test_a_wait_sees_an_edit_behind_a_view(db: Database) -> None:
-    """A worker compares at once, long before the interval ends; and only while somebody waits."""
+    """A worker compares at once, long before the interval ends, and only while a session waits."""
     before = db.scene("s").state().compared_at
     assert before is not None
     elsewhere(db, "INSERT INTO mission.ops SELECT 2, shape FROM mission.ops")

@@ -264,7 +264,7 @@ def test_another_map_keeps_objects_conflicts_and_acknowledgements(
 
 
 def test_keys_that_change_places_are_followed(db: Database) -> None:
-    """Each object of the former key is another one's now, so these come anew."""
+    """Each object of the former key is another one's now, so these are inserted again."""
     do(
         db,
         "ALTER TABLE mission.day ADD turned integer",

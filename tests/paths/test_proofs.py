@@ -48,7 +48,7 @@ def _marked(k: int, name: str) -> object:
 
 @pytest.mark.parametrize("name", [_marked(k, name) for k, name in enumerate(SCENES)])
 def test_proof_of_scene(tmp_path: Path, name: str) -> None:
-    """Nothing is without proof; what is not checked is only what proofs are not about."""
+    """Every pair has a proof; the checker skips only the kinds of answers that have none."""
     scene, areas, tracks = SCENES[name]()
     with quietly():
         made = certify(tracks, areas, tmp_path / "proof", scene)
@@ -61,7 +61,7 @@ def test_proof_of_scene(tmp_path: Path, name: str) -> None:
 
 
 def test_the_checker_is_one_file_that_needs_nothing() -> None:
-    """Somebody else reads it: modules of Python only, and no more than 800 lines that are not blank."""
+    """Strangers read it: it imports the standard library only, and has at most 800 lines without blank ones."""
     text = Path(check_proof.__file__).read_text()
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {

@@ -1,4 +1,4 @@
-"""Packages that import what they offer when it is first used."""
+"""Packages import their public names at first use."""
 
 from pathlib import Path
 
