@@ -69,8 +69,8 @@ class Index:
         self._owners: dict[_Name, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
-        # Plans of the newest state that are in no tree yet: many are cut at once.
-        self._waiting: list[tuple[_Object, Plan]] = []
+        # Plans of the newest state that are in no tree yet, by key: many are cut at once.
+        self._waiting: dict[str, tuple[_Object, Plan]] = {}
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
@@ -140,7 +140,7 @@ class Index:
             self._owner_of |= {item.plan.key: item.owner for item in objects}
             if mine is None:
                 self._state = self._state.without_dead(self._scene, number, self._live())
-                self._waiting += [(item, _copied(item.plan)) for item in objects]
+                self._waiting |= {item.plan.key: (item, _copied(item.plan)) for item in objects}
                 if len(self._waiting) >= _WAITING:
                     self._cut_waiting()
             else:
@@ -262,15 +262,14 @@ class Index:
 
     def _live(self) -> int:
         """Return the number of plans in trees."""
-        return len(self) - sum(item.owner.ended is None for item, _ in self._waiting)
+        return len(self) - len(self._waiting)
 
     def _cut_waiting(self) -> None:
         """Put the plans that are in no tree into one; needs the lock."""
-        live = [(item, plan) for item, plan in self._waiting if item.owner.ended is None]
-        self._waiting = []
-        if live:
-            cut = Members.of_plans(World(Setup.of(self._scene)), [plan for _, plan in live])
-            added = _Put(cut.pieces, cut.of.astype(np.int32), [item for item, _ in live])
+        waiting, self._waiting = [*self._waiting.values()], {}
+        if waiting:
+            cut = Members.of_plans(World(Setup.of(self._scene)), [plan for _, plan in waiting])
+            added = _Put(cut.pieces, cut.of.astype(np.int32), [item for item, _ in waiting])
             self._state = self._state.with_plans(self._scene, added, self._state.number, len(self))
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
@@ -280,6 +279,7 @@ class Index:
             del self._owners[owner.name]
             for key in owner.keys:
                 del self._owner_of[key]
+                self._waiting.pop(key, None)
 
 
 class _Name(NamedTuple):

@@ -298,3 +298,14 @@ def test_plans_put_one_by_one_are_cut_together(monkeypatch: pytest.MonkeyPatch) 
     assert found
     with pytest.raises(InvalidInput):
         index.put(replace(areas[0], footprint=[(0.0, 89.2), (1.0, 89.2), (1.0, 89.4)]))
+
+
+def test_a_plan_that_is_put_often_waits_once() -> None:
+    """Plans that are replaced or removed before they are cut leave nothing: the work of a put does not grow."""
+    index = Index()
+    for turn in range(50):
+        index.put(square("mine", turn / 10.0), replace=["mine"])
+    assert len(index._waiting) == 1
+    assert index.remove("mine")
+    assert not index._waiting
+    assert not index.probe(square("z", 0.0))
