@@ -470,6 +470,7 @@ ROLES: Final = {
             "scenes",
             "proposals",
             "rules",
+            "limits",
             "queue",
             "attachments",
             "unmapped",
@@ -482,7 +483,7 @@ ROLES: Final = {
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_relation", "attached_change", "attached_object"),
-            *("probe_request", "probe_reply", "worker_stamp"),
+            *("probe_request", "probe_reply", "worker_stamp", "upper_limit"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
             *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule", "branch_edit"),
         ],

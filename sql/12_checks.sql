@@ -51,13 +51,29 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._known_limits()
+RETURNS TABLE (name text, default_value double precision, most double precision, unit text, doc text)
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- The most is MAX_POINTS in conflictdb.model.
+    VALUES ('max_vertices', 1000000::double precision, 1000000::double precision, 'vertices',
+            'Vertices of an area, or of a track''s outlines together.'),
+           ('max_waypoints', 1000000, 1000000, 'waypoints', 'Waypoints of a track.'),
+           ('max_days_ahead', NULL, 999999, 'days', 'Days from now until which a plan that is admitted must end.'),
+           ('max_speed_kn', 'infinity', 'infinity', 'knots',
+            'Speed of a leg on the shortest way. A session accepts 2000 unless its setting is another number.');
+END;
+COMMENT ON FUNCTION _known_limits() IS
+'Limits by name: default (null: none), greatest possible value, unit, and meaning.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._limit(p_limit text) RETURNS double precision
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
-    -- MAX_POINTS in conflictdb.model.
+    -- As in _known_limits.
     c_most CONSTANT integer := 1000000;
     -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.model.speed_limits.
-    c_most_kn CONSTANT double precision := 2000;
+    c_usual_kn CONSTANT double precision := 2000;
+    v_chosen double precision := (SELECT l.value FROM upper_limit l WHERE l.name = p_limit);
     v_name text := 'conflictdb.' || p_limit;
     v_given text := nullif(current_setting(v_name, true), '');
     v_form text := CASE p_limit WHEN 'max_speed_kn' THEN '^([0-9]{1,9}([.][0-9]{1,9})?|infinity)$'
@@ -70,17 +86,61 @@ BEGIN
                                CASE p_limit WHEN 'max_speed_kn' THEN 'number of knots, or infinity'
                                             WHEN 'max_days_ahead' THEN 'number of days'
                                             ELSE format('whole number from 0 to %s', c_most) END, v_given),
-                        'limit_is_number', format('ALTER DATABASE %I RESET %s', current_database(), v_name));
+                        'limit_is_number', format('RESET %s', v_name));
     END IF;
-    RETURN CASE p_limit WHEN 'max_speed_kn' THEN coalesce(v_given::double precision, c_most_kn)
-                        WHEN 'max_days_ahead' THEN v_given::double precision
-                        ELSE least(v_given::double precision, c_most) END;
+    -- A setting only lowers the limit, because any role may set it.
+    RETURN CASE p_limit WHEN 'max_speed_kn' THEN least(coalesce(v_given::double precision, c_usual_kn), v_chosen)
+                        WHEN 'max_days_ahead' THEN least(v_given::double precision, v_chosen)
+                        ELSE least(v_given::double precision, v_chosen, c_most) END;
 END
 $$;
 COMMENT ON FUNCTION _limit(text) IS
-'A limit, by the name of its setting without conflictdb.: max_vertices or max_waypoints, points, at most 1,000,000; '
-'max_speed_kn of a track, knots, default 2,000; max_days_ahead from now until which a plan that is admitted must end, '
-'null: no limit.';
+'A limit of this session, by its name: the row of upper_limit, or a lower setting conflictdb.<name>. max_vertices and '
+'max_waypoints are at most 1,000,000; max_speed_kn is 2,000 without a setting; max_days_ahead may be null: no limit.';
+
+CREATE OR REPLACE FUNCTION set_limit(p_name text, p_value double precision) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_known record;
+BEGIN
+    SELECT k.* INTO v_known FROM _known_limits() k WHERE k.name = p_name;
+    IF NOT FOUND THEN
+        FOUND := _raise('ZC009', 'limit', 'name', format('%s is not known', quote_nullable(p_name)), 'limit_known',
+                        format('Known: %s.', (SELECT string_agg(k.name, ', ') FROM _known_limits() k)));
+    END IF;
+    IF NOT (p_value >= 0 AND p_value <= v_known.most)
+       OR v_known.unit IN ('vertices', 'waypoints') AND p_value <> trunc(p_value) THEN
+        FOUND := _raise('ZC009', format('limit %L', p_name), 'value',
+                        format('must be a number of %s from 0 to %s; got %s', v_known.unit, v_known.most, p_value),
+                        'limit_is_number');
+    END IF;
+    DELETE FROM upper_limit l WHERE l.name = p_name;
+    IF p_value IS NOT NULL THEN
+        INSERT INTO upper_limit (name, value) VALUES (p_name, p_value);
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION set_limit(text, double precision) IS
+'Sets a limit of the database (view limits); null restores its default. Statements that begin after the commit use it. '
+'Only the owner of schema conflictdb may call this.';
+
+CREATE OR REPLACE VIEW limits WITH (security_invoker = true) AS
+SELECT k.name, coalesce(l.value, k.default_value) AS value, k.default_value, k.unit, k.doc
+FROM conflictdb_internal._known_limits() k LEFT JOIN upper_limit l ON l.name = k.name;
+
+COMMENT ON VIEW limits IS
+'Limits of the database, which set_limit changes. A setting conflictdb.<name> of a session, role or database lowers a '
+'limit, and never raises it.';
+COMMENT ON COLUMN limits.name IS 'Name, also of the setting, there with the prefix conflictdb.';
+COMMENT ON COLUMN limits.value IS 'Value in force; null: no limit.';
+COMMENT ON COLUMN limits.default_value IS 'Value without a call of set_limit; null: no limit.';
+COMMENT ON COLUMN limits.unit IS 'Unit of the value.';
+COMMENT ON COLUMN limits.doc IS 'What it limits.';
+COMMENT ON TABLE upper_limit IS
+'Limits that differ from their defaults; set_limit writes them, the view limits lists all. Only the owner of schema '
+'conflictdb may change them.';
+COMMENT ON COLUMN upper_limit.name IS 'Name of the limit.';
+COMMENT ON COLUMN upper_limit.value IS 'Value, in the unit of the view limits.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
     p_who text, p_field text, p_points bigint, p_limit text
@@ -93,14 +153,13 @@ BEGIN
         FOUND := _raise('ZC017', p_who, p_field,
                         format('must have at most %s %s; got %s', v_most, replace(p_limit, 'max_', ''), p_points),
                         'size_within_limit',
-                        format('Simplify it, or split it into several objects; conflictdb.%s is the limit, at most '
-                               '1000000.', p_limit));
+                        format('Simplify it, or split it into several objects; conflictdb.%s is the limit, as the view '
+                               'conflictdb.limits says.', p_limit));
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_size(text, text, bigint, text) IS
-'Raises ZC017 for more than 1,000,000 points, or more than the setting conflictdb.max_vertices or '
-'conflictdb.max_waypoints (p_limit) of the database or role allows.';
+'Raises ZC017 for more points than the limit max_vertices or max_waypoints (p_limit) allows.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_heights(
     p_who text, p_floor_m double precision, p_ceiling_m double precision
@@ -541,7 +600,8 @@ BEGIN
         FOUND := _raise('ZC002', p_who, 'path',
                         format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.n,
                                round(v_bad.kn::numeric), v_most_kn), 'path_speed_possible',
-                        'If it is intended, raise the setting conflictdb.max_speed_kn.');
+                        'If it is intended, raise the setting conflictdb.max_speed_kn, at most to its value in the '
+                        'view conflictdb.limits.');
     END IF;
 END
 $$;

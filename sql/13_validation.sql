@@ -54,13 +54,13 @@ COMMENT ON FUNCTION _is_once(tstzmultirange, jsonb) IS
 'Whether an area has one span, so that _areas_inserted checks its footprint. Inlined into expressions.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_usual_footprint(
-    p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
+    p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision,
+    p_max_vertices double precision
 ) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Operator @ compares bounding boxes.
-    SELECT coalesce(current_setting('conflictdb.max_vertices', true), '') = ''
-           AND ST_NumGeometries(p_footprint) = 1 AND ST_NPoints(p_footprint) BETWEEN 1 AND 1000000
+    SELECT ST_NumGeometries(p_footprint) = 1 AND ST_NPoints(p_footprint) BETWEEN 1 AND p_max_vertices
            AND p_footprint @ ST_MakeEnvelope(-180, -89, 180, 89, 4326)
            AND ST_IsValidReason(p_footprint) = 'Valid Geometry'
            AND CASE p_motion
@@ -71,11 +71,11 @@ BEGIN ATOMIC
                         AND _box_is_near_centre(p_footprint, p_centre_lon, p_centre_lat)
                         AND _stays_simple(p_footprint) END;
 END;
-COMMENT ON FUNCTION _is_usual_footprint(geometry, text, text, double precision, double precision) IS
+COMMENT ON FUNCTION _is_usual_footprint(geometry, text, text, double precision, double precision, double precision) IS
 'Whether a footprint certainly has no error in a scene of these settings; most have none. Inlined into expressions.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_area_shape(
-    p_who text, p_scene_id bigint, p_footprint geometry
+    p_who text, p_scene_id bigint, p_footprint geometry, p_max_vertices double precision
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -83,7 +83,8 @@ DECLARE
     v_scene record;
 BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = p_scene_id;
-    IF _is_usual_footprint(p_footprint, v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat) THEN
+    IF _is_usual_footprint(p_footprint, v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat,
+                           p_max_vertices) THEN
         RETURN;
     END IF;
     -- PostGIS does not report a ring without points as empty, but does not dump it either.
@@ -93,7 +94,9 @@ BEGIN
         FOUND := _raise('ZC001', p_who, 'footprint', 'must be a MultiPolygon without empty parts',
                         'footprint_not_empty');
     END IF;
-    PERFORM _check_size(p_who, 'footprint', ST_NPoints(p_footprint), 'max_vertices');
+    IF ST_NPoints(p_footprint) > p_max_vertices THEN
+        PERFORM _check_size(p_who, 'footprint', ST_NPoints(p_footprint), 'max_vertices');
+    END IF;
     v_reason := ST_IsValidReason(p_footprint);
     IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(p_footprint) <= 89 AND ST_YMin(p_footprint) >= -89
             AND ST_XMax(p_footprint) <= 360 AND ST_XMin(p_footprint) >= -360) THEN
@@ -116,9 +119,9 @@ BEGIN
                                                      v_scene.centre_lat));
 END
 $$;
-COMMENT ON FUNCTION _check_area_shape(text, bigint, geometry) IS
-'Raises SQLSTATE class ZC for a footprint that is invalid, too large or outside the plane of its scene. Gives a '
-'great-circle scene without a centre one.';
+COMMENT ON FUNCTION _check_area_shape(text, bigint, geometry, double precision) IS
+'Raises SQLSTATE class ZC for a footprint that is invalid, outside the plane of its scene, or of more than '
+'p_max_vertices vertices, the limit of this session. Gives a great-circle scene without a centre one.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -231,7 +234,10 @@ BEGIN
     PERFORM _check_word(v_who, 'class', NEW.class);
     PERFORM _check_word(v_who, 'owner', NEW.owner);
     /* end */
-    PERFORM _check_area_shape(v_who, NEW.scene_id, NEW.footprint);
+    -- A restore or replica brings areas accepted elsewhere under another limit; only they provide first_version.
+    PERFORM _check_area_shape(v_who, NEW.scene_id, NEW.footprint, CASE
+        WHEN TG_OP = 'INSERT' AND NEW.first_version > 0 OR current_setting('session_replication_role') = 'replica'
+        THEN 1000000 ELSE _limit('max_vertices') END);
     IF isempty(NEW.active_span) THEN
         FOUND := _raise('ZC003', v_who, 'active_span',
                         'must hold at least one instant: end must be later than start', 'span_not_empty');
@@ -282,14 +288,13 @@ COMMENT ON FUNCTION _is_steady(geometry, double precision[], double precision[],
 'Inlined into expressions.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_usual_course(
-    p_path geometry, p_outline geometry, p_motion text
+    p_path geometry, p_outline geometry, p_motion text, p_max_waypoints double precision,
+    p_max_speed_kn double precision
 ) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- A haven of 500 km does not reach a pole from 80 degrees.
-    SELECT p_motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
-           AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
-           AND ST_NPoints(p_path) BETWEEN 2 AND 1000000
+    SELECT p_motion = 'rhumb' AND p_max_speed_kn = 'infinity' AND ST_NPoints(p_path) BETWEEN 2 AND p_max_waypoints
            AND p_path @ ST_MakeEnvelope(-360, -80, 360, 80, 4326)
            -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
            AND ST_Length(p_path) < 'infinity' AND ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity'
@@ -301,7 +306,7 @@ BEGIN ATOMIC
            AND ST_Length(ST_ExteriorRing(p_outline)) < 'infinity'
            AND 1e12 * abs(ST_Area(ST_ConvexHull(p_outline)) - ST_Area(p_outline)) <= ST_Area(p_outline);
 END;
-COMMENT ON FUNCTION _is_usual_course(geometry, geometry, text) IS
+COMMENT ON FUNCTION _is_usual_course(geometry, geometry, text, double precision, double precision) IS
 'Whether the path of a track and its haven, which stays as it is, certainly have no error in a scene of this motion; '
 'most have none. Inlined into expressions.';
 
@@ -317,7 +322,8 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = p_track.scene_id;
     IF _is_steady(p_track.outlines, p_track.floors_m, p_track.ceilings_m, p_track.tolerances, p_track.departures,
                   p_track.schedule, p_track.grow_mps)
-       AND _is_usual_course(p_track.path, p_track.outline, v_scene.motion) THEN
+       AND _is_usual_course(p_track.path, p_track.outline, v_scene.motion, _limit('max_waypoints'),
+                            _limit('max_speed_kn')) THEN
         RETURN;
     END IF;
     v_times := _in_microseconds(p_track.path);
@@ -325,7 +331,9 @@ BEGIN
         FOUND := _raise('ZC001', p_who, 'path', 'needs at least two waypoints', 'path_of_two',
                         'track_path(waypoints, times) makes a path; it is null without times.');
     END IF;
-    PERFORM _check_size(p_who, 'path', ST_NPoints(p_track.path), 'max_waypoints');
+    IF p_is_new THEN
+        PERFORM _check_size(p_who, 'path', ST_NPoints(p_track.path), 'max_waypoints');
+    END IF;
     IF p_track.tolerances IS NOT NULL AND num_nonnulls(p_track.departures, p_track.schedule) > 0 THEN
         FOUND := _raise('ZC003', p_who, 'tolerances', 'must not be given for a voyage that is repeated',
                         'tolerances_of_one_voyage', 'Give each voyage as a track.');
@@ -410,7 +418,8 @@ END
 $$;
 COMMENT ON FUNCTION _check_track_shape(text, track, boolean) IS
 'Raises SQLSTATE class ZC for a path, a haven, heights of legs, tolerances or departures that are invalid, or outside '
-'the plane of its scene, and for speeds beyond the limit if p_is_new. Gives a great-circle scene without a centre one.';
+'the plane of its scene, and for waypoints and speeds beyond the limit if p_is_new. Gives a great-circle scene '
+'without a centre one.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -548,12 +557,16 @@ COMMENT ON FUNCTION _track_before() IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._areas_inserted() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_max_vertices double precision := _limit('max_vertices');
 BEGIN
-    PERFORM _check_area_shape(format('area %L', n.key), n.scene_id, n.footprint)
+    PERFORM _check_area_shape(format('area %L', n.key), n.scene_id, n.footprint, v_max_vertices)
         FROM (SELECT r.area_id, r.key, r.scene_id, r.footprint
               FROM new_rows r LEFT JOIN scene s ON s.scene_id = r.scene_id
-              WHERE _is_once(r.activations, r.schedule)
-                AND _is_usual_footprint(r.footprint, s.motion, s.earth, s.centre_lon, s.centre_lat) IS NOT TRUE
+              -- A restored one may have been accepted under another limit (_area_before).
+              WHERE _is_once(r.activations, r.schedule) AND r.first_version = r.version
+                AND _is_usual_footprint(r.footprint, s.motion, s.earth, s.centre_lon, s.centre_lat,
+                                        v_max_vertices) IS NOT TRUE
               ORDER BY r.area_id OFFSET 0) n;
     RETURN NULL;
 END
@@ -565,11 +578,14 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._tracks_inserted() RETURNS trigge
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_track track%ROWTYPE;
+    v_max_waypoints double precision := _limit('max_waypoints');
+    v_max_speed_kn double precision := _limit('max_speed_kn');
 BEGIN
     FOR v_track IN
         SELECT r.* FROM new_rows r LEFT JOIN scene s ON s.scene_id = r.scene_id
         WHERE _is_steady(r.outlines, r.floors_m, r.ceilings_m, r.tolerances, r.departures, r.schedule, r.grow_mps)
-          AND _is_usual_course(r.path, r.outline, s.motion) IS NOT TRUE
+          AND r.first_version = r.version
+          AND _is_usual_course(r.path, r.outline, s.motion, v_max_waypoints, v_max_speed_kn) IS NOT TRUE
         ORDER BY r.track_id
     LOOP
         PERFORM _check_track_shape(format('track %L', v_track.key), v_track, true);

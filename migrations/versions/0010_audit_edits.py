@@ -8,12 +8,21 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9b5da53f1ea97d2d7556adf6b89307a54bb659a1e60321b911e85af0c19ec7bb"
+routines_sha256 = "6adaec436fd6f083832baba7d35ef1e1eddff70b884e100efcdf59475e78ef31"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
 
-STATEMENTS: tuple[str, ...] = ()
+# Limits that administrators set; a setting of a session or role only lowers them. A dump restores tables by name: these
+# limits come after the objects, which may be older than the limits.
+UPPER_LIMIT = """
+CREATE TABLE IF NOT EXISTS conflictdb.upper_limit (
+    name text CONSTRAINT upper_limit_pkey PRIMARY KEY,
+    value double precision NOT NULL CONSTRAINT upper_limit_positive CHECK (value >= 0 AND value <= 'infinity')
+)
+"""
+
+STATEMENTS: tuple[str, ...] = (UPPER_LIMIT,)
 
 
 def upgrade() -> None:
