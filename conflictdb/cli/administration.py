@@ -130,15 +130,15 @@ def attachments(args: argparse.Namespace) -> int:
     with database(args) as db:
         found = db.scene(args.scene).attachments()
         rows = [row for scene in sorted({one.scene for one in found}) for row in db.scene(scene).unmapped()]
-    header = ["SCENE", "TABLE", "KIND", "OBJECTS", "LEFT OUT", "CHANGES BY", "REMARK"]
+    header = ["SCENE", "NUMBER", "TABLE", "KIND", "OBJECTS", "LEFT OUT", "CHANGES BY", "REMARK"]
     lines = [
         [
-            *(one.scene, one.table, one.kind, one.objects, one.unmapped),
+            *(one.scene, one.attachment_id, one.table, one.kind, one.objects, one.unmapped),
             *("triggers" if one.has_triggers else f"every {one.every}", one.error or one.remark),
         ]
         for one in found
     ]
-    out(table(header, lines, right=header[3:5]) if found else "nothing is attached")
+    out(table(header, lines, right=["NUMBER", *header[4:6]]) if found else "nothing is attached")
     for row in rows[:_MOST_ROWS]:
         line(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
     if len(rows) > _MOST_ROWS:

@@ -6,6 +6,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from commands import runner
 
 from conflictdb import connect, store
 from conflictdb.client.database import Database
@@ -540,3 +541,17 @@ def test_conflicts_name_the_rows_of_their_objects(db: Database) -> None:
     db.scene("s").follow()
     assert ask(db, "SELECT count(*) FROM conflictdb.change") == [0]
     assert len(ask(db, JOINED.replace("mission.day", "mission.days"))) == 12
+
+
+def test_the_list_has_the_numbers_that_commands_take(
+    db: Database, dsn: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A table that is attached twice has no other name of its own."""
+    db.scene("s").attach("area", "mission.day", {**MAP, "key": "'more ' || id"}, again=True)
+    run = runner(dsn, capsys)
+    header, *lines = (line.split() for line in run("admin", "attachments").out.splitlines()[:3])
+    assert header[:3] == ["SCENE", "NUMBER", "TABLE"]
+    first, second = ((line[1], line[2]) for line in lines)
+    assert (first[1], second[1]) == ("mission.day", "mission.day")
+    assert run("admin", "detach", "--scene", "s", "--table", second[0]).code == 0
+    assert [str(one.attachment_id) for one in db.scene("s").attachments()] == [first[0]]
