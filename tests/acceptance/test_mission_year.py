@@ -4,6 +4,12 @@ import mission_year
 import pytest
 
 
+@pytest.mark.db
+def test_a_fortnight() -> None:
+    """Every kind of edit comes once."""
+    mission_year.run(13, 5)
+
+
 @pytest.mark.slow
 @pytest.mark.db
 def test_a_year_in_a_day() -> None:
