@@ -227,24 +227,18 @@ COMMENT ON FUNCTION _drawn_path(geometry, text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._shown(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Shorter edges (22 km along a meridian) at lower latitudes (degrees) get no point from _drawn near the middle of
-    -- its plane, and need none farther from the middle of a gnomonic plane.
-    c_edge_deg CONSTANT double precision := 0.2;
+    -- Needs no points near the middle of a gnomonic plane, and fewer elsewhere.
     c_latitude_deg CONSTANT double precision := 75;
     -- The same spacing as in _from_gnomonic.
     c_side_m CONSTANT double precision := 25000;
     v_shape geometry;
 BEGIN
-    IF ST_XMin(p_geometry) >= -180 AND ST_XMax(p_geometry) <= 180
-       AND ST_YMin(p_geometry) >= -c_latitude_deg AND ST_YMax(p_geometry) <= c_latitude_deg THEN
-        IF ST_NPoints(ST_Segmentize(p_geometry, c_edge_deg)) = ST_NPoints(p_geometry) THEN
-            RETURN ST_Force2D(p_geometry);
-        END IF;
-        -- Great circles computed on the sphere, without PROJ, which takes milliseconds to parse its string. A geometry
-        -- narrower than half a turn does not cross the antimeridian and contains no pole.
-        IF p_plane NOT IN ('wgs84', 'sphere') AND ST_XMax(p_geometry) - ST_XMin(p_geometry) <= 170 THEN
-            RETURN ST_Segmentize(ST_Force2D(p_geometry)::geography, c_side_m)::geometry;
-        END IF;
+    -- Great circles computed on the sphere, without PROJ, which takes milliseconds to parse its string. A geometry
+    -- narrower than half a turn does not cross the antimeridian and contains no pole.
+    IF p_plane NOT IN ('wgs84', 'sphere') AND ST_XMin(p_geometry) >= -180 AND ST_XMax(p_geometry) <= 180
+       AND ST_YMin(p_geometry) >= -c_latitude_deg AND ST_YMax(p_geometry) <= c_latitude_deg
+       AND ST_XMax(p_geometry) - ST_XMin(p_geometry) <= 170 THEN
+        RETURN ST_Segmentize(ST_Force2D(p_geometry)::geography, c_side_m)::geometry;
     END IF;
     IF ST_Dimension(p_geometry) = 1 THEN
         v_shape := _drawn_path(p_geometry, p_plane);
@@ -258,6 +252,19 @@ $$;
 COMMENT ON FUNCTION _shown(geometry, text) IS
 'A footprint or path (longitude and latitude, straight in the scene''s plane) as a map layer: points on long edges, '
 'within +-180 degrees, split at the antimeridian.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._on_map(p_geometry geometry, p_plane text) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Inlined: a box of a map program compares all objects of the scene. Edges of up to 0.2 degrees (22 km along a
+    -- meridian) at lower latitudes get no point from _drawn near the middle of its plane, and need none farther from
+    -- the middle of a gnomonic plane.
+    SELECT CASE WHEN p_geometry @ ST_MakeEnvelope(-180, -75, 180, 75, 4326)
+                     AND ST_NPoints(ST_Segmentize(p_geometry, 0.2)) = ST_NPoints(p_geometry)
+                THEN ST_Force2D(p_geometry) ELSE _shown(p_geometry, p_plane) END;
+END;
+COMMENT ON FUNCTION _on_map(geometry, text) IS
+'As _shown, which a geometry with short edges, away from poles and antimeridian, does not need.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._tile_shape(
     p_geometry geometry, p_z integer, p_x integer, p_y integer
@@ -530,7 +537,7 @@ SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
             THEN lower(_active_within(a.active_span, a.activations)) END AS starts_at,
        CASE WHEN isfinite(upper(_active_within(a.active_span, a.activations)))
             THEN upper(_active_within(a.active_span, a.activations)) END AS ends_at,
-       ST_Multi(_shown(
+       ST_Multi(_on_map(
            a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint
 FROM area a JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
@@ -551,7 +558,7 @@ COMMENT ON COLUMN map_areas.footprint IS
 CREATE OR REPLACE VIEW map_tracks WITH (security_invoker = true) AS
 SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
        lower(_at_sea(t.path, t.departures)) AS starts_at, upper(_at_sea(t.path, t.departures)) AS ends_at,
-       ST_Multi(_shown(
+       ST_Multi(_on_map(
            t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
 FROM track t JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
 WHERE t.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, t.key);

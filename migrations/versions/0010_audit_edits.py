@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6adaec436fd6f083832baba7d35ef1e1eddff70b884e100efcdf59475e78ef31"
+routines_sha256 = "5a857ea94de7ee076e672443bb9b580f42699da26d417e6cb062ea9ebb5da033"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -439,6 +439,20 @@ def test_boxes_of_clients_evaluate_each_step_once(crossing: Conn, layer: str, co
     assert "transform" not in plan
 
 
+def test_a_box_of_a_client_calls_no_routine_for_short_edges(conn: Conn) -> None:
+    """Half a second for a box among 20,000 areas, for points that none of them needs."""
+    load(conn, Scene("s"), [box(f"A{i}", 0.1 * i, 10.0, 0.1 * i + 0.05, 10.1) for i in range(50)], [])
+    load(conn, Scene("far"), [box("A", 0.0, 10.0, 3.0, 11.0)], [])
+    conn.execute("SET LOCAL track_functions = 'all'")
+    asked = (
+        "SELECT count(*) FROM conflictdb.map_areas WHERE scene = %s AND footprint && ST_MakeEnvelope(0, 0, 1, 20, 4326)"
+    )
+    calls = "SELECT coalesce(sum(calls), 0) FROM pg_stat_xact_user_functions WHERE funcname = '_shown'"
+    for scene, found, called in (("s", 11, 0), ("far", 1, 1)):
+        assert conn.execute(asked.encode(), [scene]).fetchone() == (found,)
+        assert conn.execute(calls).fetchone() == (called,)
+
+
 def test_views_cut_at_the_seam(conn: Conn) -> None:
     load(conn, Scene("s"), [box("A", 179.0, 10.0, 181.0, 11.0)], [track("T", (170.0, 10.5), (-170.0, 10.5))])
     for table, column in (("map_areas", "footprint"), ("map_tracks", "path")):
