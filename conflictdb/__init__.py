@@ -38,7 +38,17 @@ if TYPE_CHECKING:
     from conflictdb.client.database import Database, connect
     from conflictdb.client.loading import Loaded
     from conflictdb.client.stored_scene import StoredScene
-    from conflictdb.formats import Contents, FileHints, Remark, Skipped, circle, read, write, write_scene_file
+    from conflictdb.formats import (
+        Contents,
+        FileHints,
+        Remark,
+        Skipped,
+        circle,
+        plans_schema,
+        read,
+        write,
+        write_scene_file,
+    )
     from conflictdb.jobs import models as models
     from conflictdb.jobs.detect import Run
     from conflictdb.memory.certifying import certify
@@ -135,6 +145,7 @@ __all__ = [
     "connect",
     "delays",
     "detours",
+    "plans_schema",
     "plot_coordination",
     "plot_delays",
     "plot_pair",

@@ -7,9 +7,9 @@ the comments in the catalog of a fresh schema, in an embedded database that is t
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
 columns of the model `ConflictRow` in conflictdb/jobs/models.py. `paths.md` is made from `model.path_limits` and from
 the counts in tests/paths/table.csv (`./run python tests/paths/table.py --write`). A table in `files.md` is made from
-what each reader declares (`conflictdb.formats.standards`). `plans.md` and the models of areas and tracks are made from
-the table `model.plan_columns` (lists in sql/: docs/plan_sql.py). Tests say when a page is out of date
-(tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
+what each reader declares (`conflictdb.formats.standards`). `plans.md`, `plans.schema.json` and the models of areas and
+tracks are made from the table `model.plan_columns` (lists in sql/: docs/plan_sql.py). Tests say when a page is out of
+date (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
 import argparse
@@ -17,6 +17,7 @@ import ast
 import csv
 import dataclasses
 import inspect
+import json
 import keyword
 import os
 import re
@@ -53,6 +54,14 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     header = list(header)
     lines = [header, ["---"] * len(header), *([cell(text) for text in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+# --- the form of scene files
+
+
+def plans_schema() -> str:
+    """Return the JSON Schema of scene files."""
+    return json.dumps(conflictdb.plans_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
 # --- the table of what files hold
@@ -401,6 +410,16 @@ PLANS: Final = f"""\
 
 The columns of a plan, an area or a track as it is written, and their names in each form. [Files](files.md) says how
 they are written.
+
+[plans.schema.json](plans.schema.json) is the form of scene files, and of plans in requests (those without the member
+`scene`, with `"version": 1`), as a JSON Schema (draft 2020-12). It is made from this table; `conflictdb.plans_schema()`
+returns it, and wheels contain the file. Every file that this program writes is
+valid, and a valid document is read, unless it breaks a rule about values:
+
+- the numbers of values, one per leg or waypoint; the order of times, and of floors and ceilings; dates of the calendar
+- shapes: rings are closed, polygons valid, havens convex, and all are on the earth
+- the languages of schedules; separation rules that contradict each other; ids that occur twice
+- members of the other kind, and names that look like members; bytes of texts; the datum of heights
 """
 
 
@@ -679,6 +698,7 @@ def main() -> None:
         with conflictdb.connect() as db, db.connection.transaction():
             pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
         pages |= {"paths.md": paths(), "files.md": files(), "plans.md": plans()}
+    pages["plans.schema.json"] = plans_schema()
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
     MODELS.write_text(models())

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from conflictdb.formats.contents import Contents, Remark, Skipped
     from conflictdb.formats.discs import circle
     from conflictdb.formats.hints import FileHints
+    from conflictdb.formats.json_schema import plans_schema
     from conflictdb.formats.objects_writing import object_lines
     from conflictdb.formats.reading import read
     from conflictdb.formats.scene_file import scene_text
@@ -25,6 +26,7 @@ __all__ = [
     "Skipped",
     "circle",
     "object_lines",
+    "plans_schema",
     "read",
     "scene_text",
     "unwritten",

@@ -12,7 +12,7 @@ import psycopg
 import pytest
 from made_up_columns import MADE_UP, VALUES
 
-from conflictdb import store
+from conflictdb import plans_schema, store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.errors import InvalidInput
@@ -40,8 +40,9 @@ def test_digests_differ_where_answers_may(one: Any) -> None:
 
 
 def test_models_and_reference_have_it() -> None:
-    models, plans = generate.models(), generate.plans()
+    models, plans, forms = generate.models(), generate.plans(), plans_schema()["$defs"]
     for one in MADE_UP:
+        assert all(one.name in forms[kind]["properties"]["properties"]["properties"] for kind in one.kinds)
         assert models.count(f"    {one.name}: Mapped[") == len(one.kinds)
         assert f"| `{one.name}` |" in plans
 
