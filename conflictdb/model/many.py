@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from conflictdb.errors import Refusals
 from conflictdb.model import plan_rules
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns
+from conflictdb.model.plan_rows import Many
 from conflictdb.model.plans import AREA_RARE, TRACK_RARE, Area, Track
 
 _Made = TypeVar("_Made", Area, Track)
@@ -45,8 +46,7 @@ def areas(
     """
     n = len(keys)
     is_sound = plan_rules.footprints(footprints).is_sound & _have_sound_columns(_AREA_COLUMNS, members)
-    (start_us, end_us), is_given = _bounds(members, "start_us", "end_us", np.int64)
-    is_sound &= plan_rules.spans(start_us, end_us, is_given).is_sound
+    is_sound &= plan_rules.spans(*_bounds(members, "start_us", "end_us", np.int64), Many.each(n)).is_sound
     is_sound &= _have_sound_heights(members)
     made: list[Area | None] = [None] * n
     for i, shape in zip(np.flatnonzero(is_sound).tolist(), footprints[is_sound].tolist(), strict=True):
@@ -74,8 +74,9 @@ def tracks(
     outline_m : (v, 2) of all tracks; track i has the corners [ring[i], ring[i + 1])
     members : fields of each besides key, positions, times and outline, with numbers of the right types
     """
-    is_sound = plan_rules.courses(positions_deg, way, times_us, way).is_sound
-    is_sound &= plan_rules.outlines(outline_m, ring, lambda _: "outline_m").is_sound
+    waypoints = Many(way)
+    is_sound = plan_rules.courses(positions_deg, waypoints, times_us, waypoints).is_sound
+    is_sound &= plan_rules.outlines(outline_m, Many(ring), lambda _: "outline_m").is_sound
     is_sound &= _have_sound_columns(_TRACK_COLUMNS, members) & _have_sound_heights(members)
     ways, rings = way.tolist(), ring.tolist()
     made: list[Track | None] = [None] * len(keys)
@@ -127,15 +128,16 @@ def _have_sound_columns(columns: Sequence[PlanColumn], members: Sequence[Mapping
 
 
 def _have_sound_heights(members: Sequence[Mapping[str, Any]]) -> NDArray[np.bool_]:
-    (floor_m, ceiling_m), is_given = _bounds(members, "floor_m", "ceiling_m", np.float64)
-    return plan_rules.heights(floor_m, ceiling_m, is_given).is_sound
+    """Return (n,) whether heights of whole plans break no rule."""
+    bounds = _bounds(members, "floor_m", "ceiling_m", np.float64)
+    return np.asarray(plan_rules.heights(*bounds, Many.each(len(members))).is_sound)
 
 
 def _bounds(
     members: Sequence[Mapping[str, Any]], first: str, last: str, dtype: type[Any]
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return bounds (2, n), 0 where there is none, and whether they are given (n, 2)."""
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return two bounds (n,) of each, 0 where there is none, and whether they are given (n,)."""
     given = [[own.get(name) for own in members] for name in (first, last)]
-    is_given = np.array([[one is not None for one in column] for column in given], np.bool_).reshape(2, -1)
-    bounds = np.array([[0 if one is None else one for one in column] for column in given], dtype).reshape(2, -1)
-    return bounds, is_given.T
+    lower, upper = (np.array([0 if one is None else one for one in column], dtype) for column in given)
+    has_lower, has_upper = (np.array([one is not None for one in column], np.bool_) for column in given)
+    return lower, upper, has_lower, has_upper

@@ -122,11 +122,15 @@ class PlanColumn:
         """Whether it is one member of a plain form in scene files."""
         return self.form is not Form.OWN and len(self.members) == 1
 
-    def rules(self, values: Sequence[Any]) -> dict[int, str]:
-        """Return the rules that values break, as sentences, by their places among the values."""
+    def broken(self, value: Any) -> str | None:
+        """Return the rule that a value other than None breaks, as a sentence; None: valid."""
         check = self.check
         assert check is not None  # noqa: S101
-        found = ((i, check(value)) for i, value in enumerate(values) if value is not None)
+        return check(value)
+
+    def rules(self, values: Sequence[Any]) -> dict[int, str]:
+        """Return the rules that values break, as sentences, by their places among the values."""
+        found = ((i, self.broken(value)) for i, value in enumerate(values) if value is not None)
         return {i: rule for i, rule in found if rule is not None}
 
 

@@ -20,6 +20,7 @@ from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
 from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
+from conflictdb.model.plan_rows import Broken, One
 from conflictdb.model.plan_rules import MAX_HAVEN_CORNERS as MAX_HAVEN_CORNERS
 from conflictdb.model.plan_rules import MAX_HAVEN_M as MAX_HAVEN_M
 from conflictdb.model.plan_rules import MAX_INSTANT_US as MAX_INSTANT_US
@@ -56,6 +57,7 @@ TRACK_RARE: Final = frozenset(
 )
 _AREA_COLUMNS: Final = checked_columns(AREA)
 _TRACK_COLUMNS: Final = checked_columns(TRACK)
+_ONE: Final = One(1)
 _Class = TypeVar("_Class")
 
 
@@ -127,13 +129,12 @@ class Area:
         refusals = Refusals()
         with refusals:
             _keep(self, footprint=inputs.footprint(who, self.footprint))
-            plan_rules.footprints(_one(self.footprint)).raise_for(0, who)
+            plan_rules.footprints(self.footprint).raise_for(0, who)
         with refusals:
-            start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
-            _keep(self, start_us=start_us, end_us=end_us)
-            if start_us is not None or end_us is not None:
-                (starts_us, ends_us), is_given = _given(start_us, end_us)
-                plan_rules.spans(starts_us, ends_us, is_given).raise_for(0, who)
+            if self.start_us is not None or self.end_us is not None:
+                start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
+                _keep(self, start_us=start_us, end_us=end_us)
+                plan_rules.spans(*_bounds(start_us, end_us), _ONE).raise_for(0, who)
         self.check_rare(refusals)
         _keep_heights(who, self, refusals)
         with refusals:
@@ -272,19 +273,19 @@ class Track:
                 with refusals:
                     _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
         refusals.raise_found()
-        way, clock = (np.array([0, len(one)]) for one in (self.positions_deg, self.times_us))
+        way, clock = One(len(self.positions_deg)), One(len(self.times_us))
         course = plan_rules.courses(self.positions_deg, way, self.times_us, clock)
-        if min(way[1], clock[1]) < 2:
+        if min(way.count, clock.count) < 2:
             course.raise_for(0, who)  # there are no legs to check other fields by
-        outline = plan_rules.outlines(self.outline_m, np.array([0, len(self.outline_m)]), lambda _: "outline_m")
+        outline = plan_rules.outlines(self.outline_m, One(len(self.outline_m)), lambda _: "outline_m")
         self.check_rare(refusals, course, outline, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn))
         refusals.raise_found()
 
     def check_rare(
         self,
         refusals: Refusals,
-        course: plan_rules.Broken | None = None,
-        outline: plan_rules.Broken | None = None,
+        course: Broken | None = None,
+        outline: Broken | None = None,
         max_speed_kn: float = np.inf,
     ) -> None:
         """Check what few tracks have, and keep it in its own types, and rules of its course and haven that it breaks.
@@ -453,8 +454,10 @@ def _keep(one: Area | Track, **values: object) -> None:
 
 def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
     for name in ("floor_m", "ceiling_m"):
-        with refusals:
-            _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
+        given = getattr(one, name)
+        if given is not None:
+            with refusals:
+                object.__setattr__(one, name, inputs.metres(who, name, given))
 
 
 def check_legs(lines: str, tracks: Iterable[Track]) -> None:
@@ -496,36 +499,29 @@ def _check_properties(who: str, properties: object) -> None:
 def _check_columns(who: str, one: Area | Track, columns: tuple[PlanColumn, ...], refusals: Refusals) -> None:
     """Check the columns whose rule needs no other; errors are added."""
     for column in columns:
-        for rule in column.rules([getattr(one, column.field)]).values():
+        value = getattr(one, column.field)
+        rule = None if value is None else column.broken(value)
+        if rule is not None:
             with refusals:
                 raise InvalidInput(who, column.members[0], rule)
 
 
-def _one(value: Any) -> NDArray[np.object_]:
-    """Return a value as an array of one."""
-    array = np.empty(1, dtype=object)
-    array[0] = value
-    return array
-
-
-def _given(first: float | None, last: float | None) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return bounds (2, 1), of any value where there is none, and whether they are given (1, 2)."""
-    bounds = (first, last)
-    return np.array([[0 if one is None else one] for one in bounds]), np.array([[one is not None for one in bounds]])
+def _bounds(first: float | None, last: float | None) -> tuple[float, float, bool, bool]:
+    """Return two bounds, 0 where there is none, and whether they are given."""
+    return 0 if first is None else first, 0 if last is None else last, first is not None, last is not None
 
 
 def _check_heights(who: str, plan: "Area | Track") -> None:
     if plan.floor_m is not None or plan.ceiling_m is not None:
-        (floors_m, ceilings_m), is_given = _given(plan.floor_m, plan.ceiling_m)
-        plan_rules.heights(floors_m, ceilings_m, is_given).raise_for(0, who)
+        plan_rules.heights(*_bounds(plan.floor_m, plan.ceiling_m), _ONE).raise_for(0, who)
 
 
 def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
-    plan_rules.outlines(outline, np.array([0, len(outline)]), lambda _: where).raise_for(0, who)
+    plan_rules.outlines(outline, One(len(outline)), lambda _: where).raise_for(0, who)
 
 
 def _check_size(who: str, where: str, points: int, what: str) -> None:
-    plan_rules.sizes(np.array([points]), where, what).raise_for(0, who)
+    plan_rules.sizes(points, _ONE, where, what).raise_for(0, who)
 
 
 def _check_growth(who: str, track: Track) -> None:

@@ -37,8 +37,10 @@ def leg_refused(who: str, leg: int, speed_kn: float, max_speed_kn: float) -> Inv
 
 def shortest_m(positions_deg: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lengths (n - 1,) of the shortest ways between positions (n, 2) on the mean sphere, metres."""
-    lon, lat = np.radians(positions_deg).T
-    half = np.sin(np.diff(lat) / 2.0) ** 2 + np.cos(lat[:-1]) * np.cos(lat[1:]) * np.sin(np.diff(lon) / 2.0) ** 2
+    lonlat = np.radians(positions_deg)
+    sine = np.sin((lonlat[1:] - lonlat[:-1]) / 2.0)
+    across = np.cos(lonlat[:, 1])
+    half = sine[:, 1] ** 2 + across[:-1] * across[1:] * sine[:, 0] ** 2
     return np.asarray(2.0 * _MEAN_RADIUS_M * np.arcsin(np.sqrt(np.minimum(half, 1.0))))
 
 
@@ -52,7 +54,7 @@ def check_speed(who: str, positions_deg: NDArray[np.float64], times_us: NDArray[
     """
     if not max_speed_kn < np.inf:
         return
-    speed_kn = shortest_m(positions_deg) / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
+    speed_kn = shortest_m(positions_deg) / ((times_us[1:] - times_us[:-1]) * 1e-6) / MPS_PER_KNOT
     fast = legs_too_fast(speed_kn, max_speed_kn)
     if fast.size:
         raise leg_refused(who, int(fast[0]), float(speed_kn[fast[0]]), max_speed_kn)
