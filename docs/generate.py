@@ -490,6 +490,7 @@ ROLES: Final = {
             "proposals",
             "rules",
             "limits",
+            "edits",
             "queue",
             "attachments",
             "unmapped",
@@ -502,7 +503,7 @@ ROLES: Final = {
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_relation", "attached_change", "attached_object"),
-            *("probe_request", "probe_reply", "worker_stamp", "upper_limit"),
+            *("probe_request", "probe_reply", "worker_stamp", "upper_limit", "edit", "edit_seal"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
             *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule", "branch_edit"),
         ],

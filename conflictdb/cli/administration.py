@@ -1,4 +1,4 @@
-"""`init`, `upgrade`, `extension`, `attach`, `reattach`, `detach`, `rules`, `attachments`, `share` and `protect`."""
+"""`init`, `upgrade`, `extension`, `attach`, `reattach`, `detach`, `rules`, `attachments`, `share`, `protect` and `verify-audit`."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from conflictdb import store
-from conflictdb.cli.codes import DONE
+from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.load_report import moment_text, remark_incomplete
 from conflictdb.cli.output import line, note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
@@ -113,8 +113,8 @@ def _report_attachment(db: Database, scene: str, number: int) -> None:
             remark(f"left out: {row.identity}: {row.reason}")
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+def _counted(number: int, what: str, many: str | None = None) -> str:
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {many or what + 's'}"
 
 
 def detach(args: argparse.Namespace) -> int:
@@ -167,6 +167,22 @@ def protect(args: argparse.Namespace) -> int:
         db.protect_scenes(on=not args.off)
     out("all scenes are open to all roles" if args.off else "scenes are protected")
     return DONE
+
+
+def verify_audit(args: argparse.Namespace) -> int:
+    """Verify the seals of the audit of edits."""
+    with database(args) as db:
+        found = store.verify_edits(db.connection)
+    if found.first_wrong is not None:
+        out(f"batch {found.first_wrong} is not as it was sealed: {found.reason}")
+    before = "" if found.first_wrong is None else " before it"
+    out(f"as sealed{before}: {_counted(found.edits, 'edit')} in {_counted(found.batches, 'batch', 'batches')}")
+    if found.anchor:
+        out(f"pruned: the edits of batches up to {found.anchor}")
+    out(f"not sealed yet: {_counted(found.unsealed, 'edit')}")
+    if found.last_batch is not None:
+        out(f"last batch: {found.last_batch}, SHA-256 {found.last_digest}")
+    return DONE if found.first_wrong is None else FAILED
 
 
 def _share_table(shares: list[store.Share]) -> str:

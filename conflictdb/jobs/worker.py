@@ -36,6 +36,8 @@ _LEAST_PAUSE_S: Final = 0.1
 _LOCK_WAIT_S: Final = 10.0
 # How often to count conflicts.
 _COUNT_EVERY_S: Final = 10.0
+# How often to seal edits.
+_SEAL_EVERY_S: Final = 60.0
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
 Report = Callable[[str, "detect.Run | Exception", float], None]
@@ -144,6 +146,7 @@ class Worker:
     heard_within_s: float = store.HEARD_WITHIN_S
     say_after_s: float = store.SAY_AFTER_S
     _counted_at_s: float = -math.inf
+    _sealed_at_s: float = -math.inf
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _has_requests: bool = False
@@ -159,6 +162,7 @@ class Worker:
                 for failing in self._failing.values():
                     failing.again_at_s = math.inf
                 if not self._busy and not self._has_requests:
+                    store.seal_edits(connection)
                     return well
                 if not self._has_requests:
                     time.sleep(self.busy_s)
@@ -214,6 +218,9 @@ class Worker:
                     self.state.conflicts = store.counted_conflicts(connection)
                     self.state.alarmed(store.scene_alarms(connection))
                     self._counted_at_s = time.monotonic()
+                if time.monotonic() - self._sealed_at_s >= _SEAL_EVERY_S:
+                    store.seal_edits(connection)
+                    self._sealed_at_s = time.monotonic()
                 pause_s = self._pause_s(connection, every_s)
         except (SchemaError, ReadOnlyDatabase):
             raise

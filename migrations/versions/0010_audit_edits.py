@@ -22,7 +22,44 @@ CREATE TABLE IF NOT EXISTS conflictdb.upper_limit (
 )
 """
 
-STATEMENTS: tuple[str, ...] = (UPPER_LIMIT,)
+# The audit: one row per statement, scene and kind. No foreign key: edits outlive their scenes.
+EDIT = """
+CREATE TABLE IF NOT EXISTS conflictdb.edit (
+    edit_id bigint GENERATED ALWAYS AS IDENTITY CONSTRAINT edit_pkey PRIMARY KEY,
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    edited_at timestamptz NOT NULL DEFAULT clock_timestamp(),
+    scene_id bigint NOT NULL,
+    scene text,
+    kind text NOT NULL,
+    action text NOT NULL,
+    keys text[] NOT NULL,
+    former_keys text[],
+    role text NOT NULL DEFAULT coalesce(nullif(current_setting('role'), 'none'), session_user::text),
+    login text NOT NULL DEFAULT session_user,
+    pid integer NOT NULL DEFAULT pg_backend_pid(),
+    application text NOT NULL DEFAULT current_setting('application_name'),
+    client text DEFAULT host(inet_client_addr())
+);
+CREATE INDEX IF NOT EXISTS edit_scene_btree ON conflictdb.edit (scene_id, edit_id);
+"""
+EDIT_SEAL = """
+CREATE TABLE IF NOT EXISTS conflictdb.edit_seal (
+    seal_id bigint CONSTRAINT edit_seal_pkey PRIMARY KEY,
+    edit_ids int8multirange NOT NULL,
+    edits bigint NOT NULL,
+    digest bytea NOT NULL,
+    sealed_at timestamptz NOT NULL DEFAULT clock_timestamp(),
+    given_id bigint NOT NULL,
+    next_transaction xid8 NOT NULL,
+    settled_id bigint NOT NULL
+)
+"""
+
+STATEMENTS: tuple[str, ...] = (
+    UPPER_LIMIT,
+    EDIT,
+    EDIT_SEAL,
+)
 
 
 def upgrade() -> None:

@@ -97,3 +97,5 @@ def _add_rights(commands: Any) -> None:
     about = "show scenes to their owners and shares only"
     parser = command(commands, "protect", "administration:protect", about, "For the owner of schema conflictdb.")
     parser.add_argument("--off", action="store_true", help="show all scenes to all")
+
+    command(commands, "verify-audit", "administration:verify_audit", "verify the seals of the audit of edits")
