@@ -1,4 +1,4 @@
-"""`init`, `upgrade`, `extension`, `attach`, `reattach`, `detach`, `rules`, `attachments`, `share`, `protect` and `verify-audit`."""
+"""Commands of `conflictdb admin`, other than `certify` and `service`."""
 
 import argparse
 import json

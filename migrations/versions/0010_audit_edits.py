@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5a857ea94de7ee076e672443bb9b580f42699da26d417e6cb062ea9ebb5da033"
+routines_sha256 = "51a971f709b0e9b1496324f3399a5d9a74800ce3ce3fea001e3a4a6f49070848"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -176,8 +176,10 @@ def test_nobody_else_changes_edits(
     assert session.execute("SELECT count(*) FROM conflictdb.edit").fetchone() == (2,)
     for attempt in (
         "INSERT INTO conflictdb.edit (scene_id, kind, action, keys) VALUES (1, 'area', 'put', '{A}')",
-        "INSERT INTO conflictdb.edit (edit_id, scene_id, kind, action, keys) OVERRIDING SYSTEM VALUE "
-        "VALUES (9, 1, 'area', 'put', '{A}')",
+        (
+            "INSERT INTO conflictdb.edit (edit_id, scene_id, kind, action, keys) OVERRIDING SYSTEM VALUE "
+            "VALUES (9, 1, 'area', 'put', '{A}')"
+        ),
         "UPDATE conflictdb.edit SET role = 'somebody'",
         "DELETE FROM conflictdb.edit",
         "TRUNCATE conflictdb.edit",
@@ -190,8 +192,10 @@ def test_nobody_else_changes_edits(
         "ALTER TABLE conflictdb.area DISABLE TRIGGER area_edits_inserted",
         "SET session_replication_role = replica",
         "SELECT conflictdb.prune_edits('0')",
-        "CREATE TRIGGER mine AFTER INSERT ON conflictdb.edit FOR EACH ROW "
-        "EXECUTE FUNCTION conflictdb_internal._note_edits()",
+        (
+            "CREATE TRIGGER mine AFTER INSERT ON conflictdb.edit FOR EACH ROW "
+            "EXECUTE FUNCTION conflictdb_internal._note_edits()"
+        ),
     ):
         with pytest.raises(psycopg.errors.InsufficientPrivilege):
             session.execute(attempt.encode())
@@ -294,8 +298,10 @@ def test_a_backlog_is_sealed_in_the_transaction_of_its_edits(admin: Conn, open_c
         ("DELETE FROM conflictdb.edit_seal WHERE seal_id = 2", 3, "batch 2 is missing"),
         ("UPDATE conflictdb.edit_seal SET digest = sha256('') WHERE seal_id = 2", 2, "an edit, or the seal, differs"),
         (
-            "INSERT INTO conflictdb.edit (edit_id, scene_id, kind, action, keys) OVERRIDING SYSTEM VALUE "
-            "VALUES (-1, 1, 'area', 'put', '{Z}')",
+            (
+                "INSERT INTO conflictdb.edit (edit_id, scene_id, kind, action, keys) OVERRIDING SYSTEM VALUE "
+                "VALUES (-1, 1, 'area', 'put', '{Z}')"
+            ),
             0,
             "an edit was added behind it",
         ),
