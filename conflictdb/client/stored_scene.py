@@ -394,7 +394,7 @@ class StoredScene:
         Raises
         ------
         InvalidInput
-            The scene does not exist, or its plane cannot contain the plan.
+            The scene does not exist, its plane cannot contain the plan, or the plans have more than 50,000 conflicts.
         NotCurrent
             No worker answered in time.
         StoreError

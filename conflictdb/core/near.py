@@ -225,10 +225,12 @@ class Memory:
 class Together:
     """Pieces of given plans with those of others: pairs whose boxes meet, collected; of one owner none is kept.
 
+    at_once : pairs of pieces in a chunk
     named : key and name of each object, by kind and number, once there are pairs
     """
 
-    def __init__(self, mine: Members) -> None:
+    def __init__(self, mine: Members, at_once: int = DEFAULT_MEMORY.pairs) -> None:
+        self._at_once = at_once
         self._members = list(mine.each)
         self._pieces, self._of = [mine.pieces], [mine.of]
         self._a: list[NDArray[np.int64]] = []
@@ -294,7 +296,7 @@ class Together:
         numbers = numbers[order]
         order = np.lexsort((b, a))
         a, b = a[order], b[order]
-        for some in chunks_of_objects(numbers[a], numbers[b], DEFAULT_MEMORY.pairs):
+        for some in chunks_of_objects(numbers[a], numbers[b], self._at_once):
             yield Chunk(pieces, PieceRows(a[some]), PieceRows(b[some]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:

@@ -14,8 +14,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb import store
-from conflictdb.arrays.answers import Conflicts
-from conflictdb.core.conflicts_between import conflicts_between
+from conflictdb.core.conflicts_between import bounded, conflicts_between
 from conflictdb.core.members import Members, by_kind
 from conflictdb.core.memory import MEMORY_MB, MemoryBudget
 from conflictdb.core.run import run_scene
@@ -53,8 +52,8 @@ def probe(
     the pieces of the last detection if the scene is current; others, in a constant number of round trips, with all
     objects as they are stored.
 
-    Raises InvalidInput if the scene does not exist or its plane cannot contain a plan, StoreError if a transaction is
-    open.
+    Raises InvalidInput if the scene does not exist, its plane cannot contain a plan or the plans have more than
+    MOST_REPLIES conflicts, StoreError if a transaction is open.
     """
     store.begin_snapshot(conn)
     try:
@@ -199,10 +198,9 @@ def _probed_alone(
     occupied = occupy(world, *by_kind([plan]))
     cut: Area | Track = (occupied.areas or occupied.tracks)[0]
     source = PlanBeside(conn, scene_id, cut, plan.key, occupied.pieces, memory)
-    parts = [part for part, _ in run_scene(world.setup, source, jobs=jobs)]
-    if not parts:
+    found = bounded(part for part, _ in run_scene(world.setup, source, jobs=jobs))
+    if not len(found):
         return []
-    found = Conflicts.concatenate(parts)
     named = store.names_of(conn, scene_id, found)
     plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
     return to_results(scene, {**named, (plan_kind.code, PLAN): (plan.key, plan.name)}, found)

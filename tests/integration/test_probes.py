@@ -23,6 +23,7 @@ from psycopg import conninfo, sql
 from scenes import T0_US, box, sail
 
 from conflictdb import Area, Rule, Track, connect, rectangle_outline_m, store
+from conflictdb.core import conflicts_between
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.scene_file import feature_of, plans_text, read_plans
@@ -621,3 +622,38 @@ def test_sql_knows_the_members_of_plans(conn: Conn) -> None:
     row = conn.execute("SELECT conflictdb_internal._members_of_plans()").fetchone()
     assert row is not None
     assert set(row[0]) == AREA_MEMBERS | TRACK_MEMBERS
+
+
+def test_an_answer_has_a_bounded_number_of_conflicts(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans that all meet are refused before all their pairs are compared: from Python, by a worker and by `admit`."""
+    load(conn, Scene("s"), [box(f"old {k}", 0.0, 0.0, 1.0, 1.0) for k in range(60)], [])
+    detect.detect(conn, "s", jobs=1)
+    plans = [box(f"{k}", 0.0, 0.0, 1.0, 1.0) for k in range(40)]
+    compared: list[int] = []
+    original = conflicts_between.run_scene
+
+    def counted(*given: Any, **options: Any) -> Iterator[Any]:
+        for part, funnel in original(*given, **options):
+            compared.append(len(part))
+            yield part, funnel
+
+    monkeypatch.setattr(conflicts_between, "run_scene", counted)
+    monkeypatch.setattr(conflicts_between, "MOST_REPLIES", 50)
+    monkeypatch.setattr(conflicts_between, "_AT_ONCE", 30)
+    message = "plans: have more than 50 conflicts, the most that one answer may have: ask about fewer plans at once"
+    with connect(conn) as db:
+        with pytest.raises(InvalidInput, match=message):
+            db.scene("s").probe(plans)
+        assert sum(compared) <= 80
+        with pytest.raises(InvalidInput, match=message):
+            db.scene("s").probe(plans[0])
+        with pytest.raises(InvalidInput, match=message):
+            db.scene("s").admit(plans)
+        number = store.request_probe(conn, "s", plans_text(plans))
+        conn.commit()
+        answer_all(conn)
+        with pytest.raises(InvalidInput, match=message):
+            store.wait_for_probe(conn, Scene("s"), plans, number, timedelta(seconds=60))
+        conn.rollback()
+        monkeypatch.setattr(conflicts_between, "MOST_REPLIES", 60 * 40 + 40 * 39 // 2)
+        assert len(db.scene("s").probe(plans)) == 60 * 40 + 40 * 39 // 2
