@@ -50,7 +50,8 @@ def managed(server: str) -> Iterator[str]:
             yield conninfo.make_conninfo(dsn, user=ADMIN)
         finally:
             conn.execute(f"DROP DATABASE {database} WITH (FORCE)".encode())
-            for role in (*reversed(PEOPLE), "conflictdb_worker", "conflictdb_editor", "conflictdb_reader"):
+            # Who granted memberships is dropped last.
+            for role in (*GROUPS, "conflictdb_worker", "conflictdb_editor", "conflictdb_reader", ADMIN):
                 conn.execute(f"DROP ROLE IF EXISTS {role}".encode())
 
 
