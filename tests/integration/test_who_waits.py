@@ -119,8 +119,12 @@ WRITES = {
     "detach": "SELECT conflictdb.detach('{s}', '{schema}.fix')",
     "remove_scene": "SELECT conflictdb.detach('{s}', '{schema}.fix'); SELECT conflictdb.remove_scene('{s}')",
 }
-OF_WORKERS = {"prune_history": "SELECT conflictdb.prune_history('{s}', '0')"}
-OF_NOBODY = {"protect_scenes"}
+OF_WORKERS = {
+    "prune_history": "SELECT conflictdb.prune_history('{s}', '0')",
+    "seal_edits": "SELECT conflictdb.seal_edits()",
+    "verify_edits": "SELECT * FROM conflictdb.verify_edits()",
+}
+OF_NOBODY = {"protect_scenes", "prune_edits", "set_limit"}
 # A wait that ends without an answer, or conflicts that are not current.
 ANSWERS = {"ZC013", "ZC014", "ZC015", "ZC018"}
 # There is no such request.

@@ -1,6 +1,7 @@
 """The audit: who edited what, append-only, sealed in batches that nobody can change unnoticed."""
 
 import os
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import Run
+from databases import TestServer, client_programs
 from psycopg import conninfo
 
 Conn = psycopg.Connection[Any]
@@ -419,3 +421,35 @@ def test_the_command_verifies(run: Run, dsn: str) -> None:
         run("worker", "--once")
         conn.execute("SELECT conflictdb.prune_edits('0')")
         assert "pruned: the edits of batches up to 2" in run("admin", "verify-audit").out
+
+
+@pytest.mark.parametrize("kind", ["whole", "data"])
+def test_a_dump_brings_its_edits(admin: Conn, dsn: str, _server: TestServer, template: str, kind: str) -> None:  # noqa: PT019
+    """Into an empty database, or as data alone into one with the schema: the same edits, seals and numbers go on."""
+    put(admin, "A")
+    sealed(admin)
+    admin.execute(f"SELECT conflictdb.put_track('s', 'T', {TRACK}, {POINT})".encode())
+    admin.execute("SELECT conflictdb.set_limit('max_vertices', 4), conflictdb.set_limit('max_waypoints', 2)")
+    programs, environ = client_programs(admin)
+    name = f"{admin.info.dbname}_restored"
+    target = _server.clone("template0" if kind == "whole" else template, name)
+    try:
+        alone = ["--data-only", "--exclude-table-data=conflictdb.alembic_version"] if kind == "data" else []
+        archive = subprocess.run(
+            [programs / "pg_dump", "-Fc", "-d", dsn, *alone], env=environ, check=True, stdout=subprocess.PIPE
+        ).stdout
+        subprocess.run([programs / "pg_restore", "-e", "-d", target], env=environ, check=True, input=archive)
+        with psycopg.connect(target, autocommit=True) as conn:
+            assert edits(conn, "*") == edits(admin, "*")
+            assert verified(conn) == verified(admin) == (1, 2, 1, None, None)
+            assert limits_of(conn) == limits_of(admin)
+            conn.execute("SELECT conflictdb.set_limit('max_vertices', NULL)")
+            put(conn, "B")
+            assert sealed(conn) == 2
+            assert verified(conn)[1:] == (4, 0, None, None)
+    finally:
+        _server.drop(name)
+
+
+def limits_of(conn: Conn) -> list[Any]:
+    return conn.execute("SELECT name, value FROM conflictdb.limits ORDER BY name").fetchall()
