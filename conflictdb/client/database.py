@@ -71,7 +71,8 @@ def connect(
     ----------
     target : str, psycopg connection, SQLAlchemy engine, connection or session (driver psycopg), or None
         Connection string or URI of PostgreSQL with PostGIS; or a connection, engine or session, which `Database.close`
-        does not close; None is the embedded database, started if needed. Calls within the caller's transaction become
+        does not close, and whose schema is checked once a minute at most, so that pools may lend it for each request;
+        None is the embedded database, started if needed. Calls within the caller's transaction become
         part of it, with a session always; a detection needs a connection without a transaction.
     create : bool, optional
         Create or upgrade the schema if needed. Default: only in the embedded database.
@@ -132,7 +133,10 @@ def _opened(
 def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
     database = Database(*borrow(target))
     try:
-        _check(database.connection)
+        connection = database.connection
+        if not store.is_fit(connection):
+            _check(connection)
+            store.note_fit(connection)
     except BaseException:
         database.close()
         raise

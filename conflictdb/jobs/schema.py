@@ -399,6 +399,7 @@ def upgrade(dsn: str) -> str:
     Raises LockTimeout, naming the holders, if another upgrade or a transaction that locks a table lasts more than five
     minutes.
     """
+    store.forget_fit()
     with store.translated(), store.connect(dsn) as conn:
         found = revision(conn)
         if found is not None:

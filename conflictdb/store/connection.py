@@ -23,6 +23,7 @@ from conflictdb.errors import (
     ReadOnlyDatabase,
     StoreError,
 )
+from conflictdb.store.fit_connections import NAMES_MISSING, forget_fit
 from conflictdb.store.parameters import Array, ArrayDumper
 from conflictdb.store.remedies import with_remedy
 
@@ -423,6 +424,8 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
         key, field = diag.table_name or "", diag.column_name or ""
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
         return InvalidInput(key, field, with_remedy(diag, rule))
+    if error.sqlstate in NAMES_MISSING:
+        forget_fit()
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
     said = with_remedy(error.diag) or str(error).strip()  # errors of the client have no diagnostic
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
