@@ -6,7 +6,7 @@ from io import StringIO
 from typing import Any
 
 import pytest
-from browsing import ARGUMENTS, Open, await_drawn, chromium, wait_until
+from browsing import ARGUMENTS, DRAWS_NO_MAP, Open, await_drawn, chromium, wait_until
 from databases import TestServer
 from map_page import Serve, page_program, served_page
 from patience import WAIT_S
@@ -90,6 +90,7 @@ _AS_OPENED = """([address, t]) => {
     dispatchEvent(new PopStateEvent('popstate'));
     conflictdbPage.moveTo(t);
     document.getElementById('whole').click();
+    document.getElementById('link').textContent = 'Copy link'; // which a patient page says three minutes later
     for (const one of document.querySelectorAll('details')) one.open = one.id === 'legend' && innerWidth > 900;
     for (const one of document.querySelectorAll('*')) one.scrollTop = 0;
     document.activeElement.blur();
@@ -139,13 +140,21 @@ def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
 
 
 def _open(
-    browser: Browser, address: str, said: list[str], contexts: ExitStack, size: tuple[int, int], **options: Any
+    browser: Browser,
+    address: str,
+    said: list[str],
+    contexts: ExitStack,
+    size: tuple[int, int],
+    draws_map: bool = False,
+    **options: Any,
 ) -> Page:
-    """Open a page that says what it must not."""
+    """Open a page that says what it must not; `draws_map`: its pace and its picture are those that users have."""
     viewport = {"width": size[0], "height": size[1]}
     context = contexts.enter_context(browser.new_context(viewport=viewport, reduced_motion="reduce", **options))
     context.set_default_timeout(_MOST_MS)
     context.add_init_script(_IS_PATIENT)
+    if not draws_map:
+        context.add_init_script(DRAWS_NO_MAP)
     page = context.new_page()
     page.on("console", lambda message: _is_of_the_page(message) and said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))

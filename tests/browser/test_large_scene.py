@@ -128,7 +128,7 @@ def test_twenty_thousand_objects_are_shown_and_moved(
     views_s, pictures_per_s = [], []
     with served_page(dsn, "s") as address:
         for _ in range(TRIES):
-            page = open_page(address, size=(1440, 900))
+            page = open_page(address, size=(1440, 900), draws_map=True)
             views_s.append(page.evaluate("performance.getEntriesByName('shown')[0].startTime") / 1000)
             expect(page.locator("#state")).to_contain_text("10,000 areas · 10,000 tracks")
             if is_detected:
@@ -151,7 +151,7 @@ def test_a_crowded_harbour_plays_as_smoothly_as_twenty_thousand_objects(
     detect(conn, "s", jobs=1)
     conn.commit()
     with served_page(dsn, "s") as address:
-        page = open_page(address, size=(1440, 900))
+        page = open_page(address, size=(1440, 900), draws_map=True)
         pictures_per_s = []
         for _ in range(TRIES):
             pictures_ms = page.evaluate(SLID_MS)

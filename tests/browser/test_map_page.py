@@ -416,8 +416,7 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
         conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])
         conn.commit()
         expect(page.locator(".row")).to_have_count(7)
-        await_drawn(page)
-        assert [shown(page, layer) for layer in ("areas", "tracks", "conflicts")] == before
+        until(lambda: [shown(page, layer) for layer in ("areas", "tracks", "conflicts")] == before)
         expect(page.locator("#state")).to_contain_text("4 areas")
     finally:
         page.close()

@@ -343,7 +343,7 @@ def test_the_page_follows_the_pointer_among_300_objects(conn: Conn, dsn: str, se
     scene, areas, tracks = plain_scene(HARBOUR, 3, 100, 200)
     load(conn, scene, areas, tracks)
     detect(conn, scene.name, jobs=1)
-    page = open_page(serve(dsn, scene.name), size=(1440, 900))
+    page = open_page(serve(dsn, scene.name), size=(1440, 900), draws_map=True)
     page.get_by_role("combobox", name="Object").fill("T5")
     page.locator(".row", has_text="T5").first.click()
     page.get_by_role("button", name="departs earlier or later").first.click()
