@@ -22,8 +22,8 @@ _NEVER = (
     "OptimizationHints", "NetworkTimeServiceQuerying", "AimEnabled", "PreconnectToSearch",
 )  # fmt: skip
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader", f"--disable-features={','.join(_NEVER)}"]
-# Without a graphics card to draw the shapes of the map is half of the work of a page. MapLibre does all else: it loads tiles,
-# places features and answers where they are. Tests of its picture set `drawsMap`.
+# Without a graphics card, drawing the map takes a third of the work of a page. MapLibre does everything else: it loads
+# tiles, places features and answers where they are. Tests of the picture set `drawsMap`.
 DRAWS_NO_MAP = """{
     const draw = WebGL2RenderingContext.prototype.drawElements;
     WebGL2RenderingContext.prototype.drawElements = function (...given) {
