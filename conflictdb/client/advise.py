@@ -21,16 +21,15 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
-from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.client.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.run import run_stages
+from conflictdb.core.stage1_broad_phase import batches
 from conflictdb.core.stage2_intersection import intersections
 from conflictdb.core.world import World, warn_of_unknown
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
-from conflictdb.kernel.bundles import boxes_of, bundled_pairs
 from conflictdb.model import inputs
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.plans import Area, Scene, Track
@@ -262,14 +261,8 @@ class _Sample:
 
     def _candidates(self, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], PieceRows, PieceRows]]:
         """Yield the pairs of pieces (a, b) that stage 1 leaves, with keys; all of the same two objects at once."""
-        pieces = pieces.meeting_within(self._setup.scene.time_separation_us)
-        spans = pieces.floor_m, pieces.ceiling_m, pieces.start_us, pieces.end_us
-        rows = RowBoxes(boxes_of(pieces), *spans, pieces.object_id, pieces.turn != 0)
-        order = near_order(rows)
-        rows, each = rows.take(order), Bundles.of_each(pieces)
-        for first, second, _ in box_pairs(rows, np.argsort(rows.object, kind="stable"), AT_ONCE):
-            a, b = bundled_pairs(each, order[first], order[second])
-            yield self._keys(pieces.object_id[a], pieces.object_id[b]), a, b
+        for a, b in batches(pieces, AT_ONCE, self._setup.scene.time_separation_us):
+            yield self._keys(pieces.object_id[a], pieces.object_id[b]), PieceRows(a), PieceRows(b)
 
     def _keys(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.minimum(a, b) * self._objects + np.maximum(a, b)

@@ -5,8 +5,9 @@ from typing import Final
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.core.members import Members
-from conflictdb.core.near import Together, boxes_within
+from conflictdb.core.near import Together
 from conflictdb.core.run import run_scene
+from conflictdb.core.stage1_broad_phase import rows_of
 from conflictdb.core.to_results import to_results
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
@@ -27,11 +28,11 @@ def conflicts_between(setup: Setup, mine: Members, others: Members, *, among: bo
     Raises InvalidInput for more than MOST_REPLIES.
     """
     within_us = setup.scene.longest_time_us
-    boxes, met = boxes_within(within_us, mine.pieces), Together(mine, _AT_ONCE)
+    rows, met = rows_of(mine.pieces), Together(mine, _AT_ONCE)
     if among:
-        met.add_among(boxes)
-    tree = BoxTree(boxes_within(within_us, others.pieces))
-    met.add(others.pieces, others.of, others.each.__getitem__, *tree.pairs(boxes))
+        met.add_among(rows, within_us)
+    tree = BoxTree(rows_of(others.pieces))
+    met.add(others.pieces, others.of, others.each.__getitem__, *tree.pairs(rows, within_us))
     return to_results(setup.scene, met.named, bounded(part for part, _ in run_scene(setup, met)))
 
 

@@ -67,9 +67,9 @@ def _of_some(
     both, a, b = placed.beside(mine, Question.of(setup.scene)._replace(within_m=within_m))
     if (separations.of_types == 0).all():
         return _of_pairs(plane, separations.settings[0], both, a, b, owner, within_m)
-    found = []
+    types, found = separations.types(both.kind, both.class_number), []
     for settings in separations.settings:
-        few = np.flatnonzero(separations.have(settings, both, a, b))
+        few = np.flatnonzero(separations.have(settings)[types[a], types[b]])
         own = separations.of_settings(settings, both)
         one, other = PieceRows(a[few]), PieceRows(b[few])
         one, other = pairs_together(own, one, other, settings.time_separation_us)

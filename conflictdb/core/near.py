@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
@@ -21,9 +21,8 @@ from conflictdb.core.members import Member, Members
 from conflictdb.core.memory import DEFAULT_MEMORY
 from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.core.separations import Separations
-from conflictdb.core.stage1_broad_phase import candidates, hulls_of, pairs_together, rows_of
-from conflictdb.kernel.boxes import BoxTree, RowBoxes, may_meet
-from conflictdb.kernel.bundles import boxes_of
+from conflictdb.core.stage1_broad_phase import candidates, pairs_together, rows_of
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, boxes_of
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 
@@ -130,17 +129,21 @@ class Memory:
         return object_numbers(self.pieces)
 
     @cached_property
-    def _hulls(self) -> NDArray[np.object_]:
-        return hulls_of(self.pieces)
+    def _boxes(self) -> Floats:
+        return boxes_of(self.pieces)
 
     @cached_property
-    def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(self._hulls)
+    def _rows(self) -> RowBoxes:
+        """The pieces, with their ends. Spans are finite: they fit into 64 bits when they are subtracted."""
+        start_us, end_us = np.maximum(self.pieces.start_us, -FOREVER_US), np.minimum(self.pieces.end_us, FOREVER_US)
+        rows = replace(RowBoxes.of(self.pieces, self._boxes), start_us=start_us, end_us=end_us, end_inclusive=None)
+        if self._only is None:
+            return rows
+        return replace(rows, type=self._only[0].types(self.pieces.kind, self.pieces.class_number))
 
     @cached_property
-    def _spans_us(self) -> tuple[_Ints, _Ints]:
-        """The spans of pieces, finite: unbounded ones, too, fit into 64 bits when they are subtracted."""
-        return np.maximum(self.pieces.start_us, -FOREVER_US), np.minimum(self.pieces.end_us, FOREVER_US)
+    def _tree(self) -> BoxTree:
+        return BoxTree(self._rows)
 
     def parts(self, scene: Scene) -> "list[tuple[Scene, Memory]]":
         """Return the settings of a scene's pairs, and these pieces for the pairs that have them."""
@@ -150,7 +153,7 @@ class Memory:
         for one in separations.settings:
             part = Memory(separations.of_settings(one, self.pieces), self._batches, (separations, one))
             # Places, times and objects are the same.
-            part.number, part._hulls, part._tree, part._spans_us = self.number, self._hulls, self._tree, self._spans_us
+            part.number, part._boxes = self.number, self._boxes
             parts.append((one, part))
         return parts
 
@@ -161,7 +164,7 @@ class Memory:
             # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
             # reported.
             pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, self.number)))
-            a, b = candidates(pieces.meeting_within(question.within_us))
+            a, b = candidates(pieces, question.within_us)
         else:
             a, b = self.rows(question)
         number = object_numbers(pieces)
@@ -179,30 +182,25 @@ class Memory:
     def rows(self, question: Question) -> tuple[PieceRows, PieceRows]:
         """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps."""
         if question.mine is None:
-            return candidates(self.pieces.meeting_within(question.within_us))
+            return candidates(self.pieces, question.within_us)
         pieces, number, mine = self.pieces, self.number, question.mine
-        start_us, end_us = self._spans_us
-        # Their ends belong to them.
-        every = replace(rows_of(pieces), start_us=start_us, end_us=end_us, end_inclusive=None)
-        earliest_us, latest_us = start_us[mine] - question.earlier_us, end_us[mine] + question.later_us
-        moved = replace(every.take(mine), start_us=earliest_us, end_us=latest_us)
+        moved = self._rows.take(mine)
+        earliest_us, latest_us = moved.start_us - question.earlier_us, moved.end_us + question.later_us
+        moved = replace(moved, start_us=earliest_us, end_us=latest_us)
         if question.any_height:
             all_m = np.full(len(mine), np.inf)
             moved = replace(moved, floor_m=-all_m, ceiling_m=all_m)
         is_mine = np.zeros(len(pieces), np.bool_)
         is_mine[mine] = not question.each_way
+        compared = None if self._only is None else self._only[0].have(self._only[1])
         nothing = np.empty(0, np.int64)
         found = [(nothing, nothing)]
         for first in range(0, len(mine), _AT_ONCE):
-            rows = mine[first : first + _AT_ONCE]
-            row, b = self._tree.query(self._hulls[rows])
-            a, row = rows[row], first + row
+            few = np.arange(first, min(first + _AT_ONCE, len(mine)))
+            row, b = self._tree.pairs(moved.take(few), compared=compared)
+            a = mine[first + row]
             keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
-            keep &= may_meet(moved, row, b, others=every)
             a, b = PieceRows(a[keep]), PieceRows(b[keep])
-            if self._only is not None:
-                few = self._only[0].have(self._only[1], pieces, a, b)
-                a, b = PieceRows(a[few]), PieceRows(b[few])
             met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
             found.append((a[met], b[met]))
         a, b = (np.concatenate(some) for some in zip(*found, strict=True))
@@ -213,7 +211,7 @@ class Memory:
 
         given : of objects with the numbers that they have here, padded for the distance of the question
         """
-        row, other = self._tree.query(hulls_of(given))
+        row, other = self._tree.pairs(rows_of(given), question.within_us)
         others = object_numbers(given)[row] != self.number[other]
         both = Pieces.concatenate([given, self.pieces])
         a, b = PieceRows(row[others]), PieceRows(len(given) + other[others])
@@ -223,7 +221,7 @@ class Memory:
 
 
 class Together:
-    """Pieces of given plans with those of others: pairs whose boxes meet, collected; of one owner none is kept.
+    """Pieces of given plans with those of others: pairs that may meet, collected.
 
     at_once : pairs of pieces in a chunk
     named : key and name of each object, by kind and number, once there are pairs
@@ -239,10 +237,10 @@ class Together:
         self._by_number: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
         self.named: dict[tuple[int, int], tuple[str, str | None]] = {}
 
-    def add_among(self, boxes: RowBoxes) -> None:
-        """Add pairs of the first objects with each other; boxes : of their pieces."""
+    def add_among(self, rows: RowBoxes, within_us: int) -> None:
+        """Add pairs of the first objects with each other; rows : their pieces."""
         if len(self._members) > 1:
-            first, second = BoxTree(boxes).pairs(boxes)
+            first, second = BoxTree(rows).pairs(rows, within_us)
             once = self._of[0][first] < self._of[0][second]
             self._a.append(first[once])
             self._b.append(second[once])
@@ -292,7 +290,6 @@ class Together:
         place[order] = np.arange(len(order))
         is_first = numbers[a] < numbers[b]
         pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
-        a, b = pairs_together(pieces, PieceRows(a), PieceRows(b), question.within_us)
         numbers = numbers[order]
         order = np.lexsort((b, a))
         a, b = a[order], b[order]
@@ -312,12 +309,3 @@ class Together:
             plan = self._by_number[Kind.TRACK][number].plan
             found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
         return found
-
-
-def boxes_within(within_us: int, pieces: Pieces) -> RowBoxes:
-    """Return the boxes of pieces, each a row, that meet if they are at most `within_us` apart in time."""
-    spans = pieces.meeting_within(within_us)
-    bands = pieces.floor_m, pieces.ceiling_m
-    return RowBoxes(
-        boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
-    )

@@ -85,12 +85,10 @@ class Separations:
         """Return the settings of two objects; None if they are not compared."""
         both = a, b
         kinds = [np.array([(Kind.AREA if isinstance(one, Area) else Kind.TRACK).code], np.int8) for one in both]
-        numbers = (
-            [numbers_of_words([one.object_class]) for one in both],
-            [numbers_of_words([one.owner]) for one in both],
-        )
-        found = int(self.of_pairs(kinds, *numbers)[0])
-        return None if found == NEVER else self.settings[found]
+        numbers = [numbers_of_words([one.object_class]) for one in both]
+        found = int(self.of_pairs(kinds, numbers)[0])
+        is_one = a.owner is not None and a.owner == b.owner
+        return None if found == NEVER or is_one else self.settings[found]
 
     def types(self, kind: _Ints, class_number: _Ints) -> NDArray[np.int64]:
         """Return the types of objects (n,), by their kinds and the numbers of their classes."""
@@ -99,14 +97,13 @@ class Separations:
         at = np.minimum(np.searchsorted(self.numbers, class_number), len(self.numbers) - 1)
         return np.asarray(np.where(self.numbers[at] == class_number, self.number_type[at], 0) + kind, np.int64)
 
-    def of_pairs(self, kinds: Sequence[_Ints], classes: Sequence[_Ints], owners: Sequence[_Ints]) -> NDArray[np.int64]:
-        """Return the settings (n,) of pairs of objects, NEVER for pairs that are not compared.
+    def of_pairs(self, kinds: Sequence[_Ints], classes: Sequence[_Ints]) -> NDArray[np.int64]:
+        """Return the settings (n,) of pairs of objects of different owners, NEVER for pairs that are not compared.
 
-        kinds, classes, owners : (2, n) of both objects; numbers of classes and owners, 0 without
+        kinds, classes : (2, n) of both objects; numbers of classes, 0 without
         """
         one, other = (self.types(kind, number) for kind, number in zip(kinds, classes, strict=True))
-        found = self.of_types[one, other]
-        return np.where((owners[0] == owners[1]) & (owners[0] != 0), NEVER, found)
+        return self.of_types[one, other]
 
     def padding(self, type_: int) -> Scene:
         """Return settings whose distances are the largest that objects of a type can need."""
@@ -139,9 +136,9 @@ class Separations:
             own = self.of_settings(settings, pieces.take(np.flatnonzero(is_used)))
             yield settings, own, *pairs_together(own, one, other, settings.time_separation_us)
 
-    def have(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-        """Return (n,) whether pairs of pieces have some settings."""
-        return self._of_pieces(pieces, a, b) == list(self.settings).index(settings)
+    def have(self, settings: Scene) -> NDArray[np.bool_]:
+        """Return (t, t) whether objects of two types have some settings."""
+        return self.of_types == list(self.settings).index(settings)
 
     def of_settings(self, settings: Scene, pieces: Pieces) -> Pieces:
         """Return pieces whose heights are further out by half of one vertical separation, not of their largest."""
@@ -152,7 +149,7 @@ class Separations:
         return own if settings.intervals == Intervals.HALF_OPEN else with_closed_heights(own)
 
     def _of_pieces(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
-        columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
+        columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number))
         return self.of_pairs(*columns)
 
 

@@ -64,15 +64,16 @@ class Stored:
         It returns them if many objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
         within_us = question.within_us
-        ids, pieces, boxes, numbers, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
-        boxes = boxes.meeting_within(within_us)
+        ids, pieces, boxes, classes, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
         if not len(ids):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
                 for chunk in pairs_of_rows(found, self._read, self._memory, within_us):
                     yield chunk._replace(share=None)
             return
         memory = self._memory.beside(len(ids))
-        joined_rows = self._joined(ids, pieces, boxes, numbers, marks, memory.pairs)
+        if self._separations is not None:
+            boxes = replace(boxes, type=self._separations.types(kinds_and_ids(boxes.object)[0], classes))
+        joined_rows = self._marked(ids, joined(ids, pieces, boxes, memory.pairs, within_us, self._compared), marks)
         if pieces.sum() > memory.pieces or not marks.are_all():
             for found in joined_rows:
                 for chunk in pairs_of_rows(found, self._read, memory, within_us):
@@ -83,24 +84,19 @@ class Stored:
             for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, within_us):
                 yield chunk._replace(share=found.share)
 
-    def _joined(
-        self,
-        ids: NDArray[np.int64],
-        pieces: NDArray[np.int64],
-        boxes: RowBoxes,
-        numbers: store.Numbers,
-        marks: store.Marks,
-        at_once: int,
+    @property
+    def _compared(self) -> NDArray[np.bool_] | None:
+        """Whether objects of two types are compared (`may_meet`)."""
+        return None if self._separations is None else self._separations.of_types != NEVER
+
+    @staticmethod
+    def _marked(
+        ids: NDArray[np.int64], joined_rows: Iterator[store.Candidates], marks: store.Marks
     ) -> Iterator[store.Candidates]:
-        """Yield `joined` rows without pairs that are not compared, or that no mark concerns."""
+        """Yield joined rows without pairs that no mark concerns."""
         by_id = np.argsort(ids)
-        kind, (classes, owners) = kinds_and_ids(boxes.object)[0], numbers
-        for found in joined(ids, pieces, boxes, at_once):
-            a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b))
-            keep = marks.are_dirty(a, b)
-            if self._separations is not None:
-                of = (kind[a], kind[b]), (classes[a], classes[b]), (owners[a], owners[b])
-                keep &= self._separations.of_pairs(*of) != NEVER
+        for found in joined_rows:
+            keep = marks.are_dirty(*(by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b)))
             if keep.any():
                 yield found if keep.all() else found.take(np.flatnonzero(keep))
 
@@ -215,7 +211,12 @@ class PlanBeside(Stored):
 
 
 def joined(
-    ids: NDArray[np.int64], pieces: NDArray[np.int64], boxes: RowBoxes, at_once: int
+    ids: NDArray[np.int64],
+    pieces: NDArray[np.int64],
+    boxes: RowBoxes,
+    at_once: int,
+    within_us: int = 0,
+    compared: NDArray[np.bool_] | None = None,
 ) -> Iterator[store.Candidates]:
     """Yield the result of `store.candidates` for rows of pieces, joined here."""
     order = near_order(boxes)
@@ -225,7 +226,7 @@ def joined(
     place = np.empty(len(first), np.int64)
     place[np.argsort(first)] = np.arange(len(first))
     found: store.Candidates | None = None
-    for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once):
+    for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once, within_us, compared):
         if found is not None:
             yield found
         first_place = place[number[a]]
@@ -283,7 +284,6 @@ def _pairs_of(
 ) -> Iterator[Chunk]:
     """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk."""
     pieces, size = bundles.pieces, np.diff(bundles.offset)
-    bundles = replace(bundles, pieces=pieces.meeting_within(within_us))
     first = bundles.offset[:-1]
     ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
     by_id = np.argsort(ids)
@@ -299,7 +299,7 @@ def _pairs_of(
         before = int(looked_at[start - 1]) if start else 0
         fits = int(np.searchsorted(looked_at[ends - 1], before + _LOOKED_AT * at_once, side="right")) - 1
         end = int(ends[max(fits, int(np.searchsorted(ends, start, side="right")))])
-        waiting.append(bundled_pairs(bundles, a[start:end], b[start:end]))
+        waiting.append(bundled_pairs(bundles, a[start:end], b[start:end], within_us))
         met, start = met + len(waiting[-1][0]), end
         if met >= at_once or start == len(a):
             rows_a, rows_b = (np.concatenate(some) for some in zip(*waiting, strict=True))

@@ -1,8 +1,4 @@
-"""Stage 1 at the client, for whole scenes of a database and for Spark: join rows whose boxes intersect.
-
-Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`. `may_meet` is the rule of a pair, as
-`_pieces_may_meet` of the database.
-"""
+"""Stage 1 in memory: rows of pieces that may meet, by the rule of a pair (`may_meet`; `_pieces_may_meet` in SQL)."""
 
 import ctypes
 import weakref
@@ -14,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.arrays.pieces import halves, later
+from conflictdb.arrays.object_numbers import numbers_of
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.kernel.header import structure
 from conflictdb.kernel.library import Held, address, check, library
 
@@ -47,10 +44,12 @@ class RowBoxes:
     def __len__(self) -> int:
         return len(self.object)
 
-    def meeting_within(self, within_us: int) -> Self:
-        """Return rows whose spans meet exactly if those of these come within so many microseconds."""
-        before_us, after_us = halves(within_us)
-        return replace(self, start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
+    @classmethod
+    def of(cls, pieces: Pieces, boxes: Floats | None = None) -> Self:
+        """Return pieces (n,) as rows without types; boxes : (n, 4) of their hulls (`boxes_of`)."""
+        heights, times = (pieces.floor_m, pieces.ceiling_m), (pieces.start_us, pieces.end_us)
+        number = numbers_of(pieces.kind, pieces.object_id)
+        return cls(boxes, *heights, *times, number, pieces.turn != 0, pieces.end_inclusive, pieces.owner_number)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the rows."""
@@ -82,10 +81,17 @@ class HeldBoxes(Held):
         return held
 
 
-class _Compared(Held):
+class Compared(Held):
     """KernelCompared."""
 
     _fields_, types = structure("KernelCompared")
+
+    @classmethod
+    def of(cls, within_us: int, compared: NDArray[np.bool_] | None = None) -> Self:
+        """Return which rows may meet: how far apart in time, and whether objects of two types (t, t); None: all."""
+        held = cls(within_us, 0 if compared is None else len(compared))
+        held.hold(of_types=compared)
+        return held
 
 
 def may_meet(
@@ -104,8 +110,7 @@ def may_meet(
     """
     held, found = HeldBoxes.of(rows), np.empty(len(a), np.bool_)
     held_others = held if others is None else HeldBoxes.of(others)
-    which = _Compared(within_us, 0 if compared is None else len(compared))
-    which.hold(of_types=compared)
+    which = Compared.of(within_us, compared)
     a, b = (np.ascontiguousarray(side, np.int64) for side in (a, b))
     given = [ctypes.byref(one) for one in (held, held_others, which)]
     check(library().kernel_may_meet(*given, address(a), address(b), len(a), address(found)))
@@ -120,17 +125,22 @@ def near_order(rows: RowBoxes) -> NDArray[np.int64]:
 
 
 def box_pairs(
-    rows: RowBoxes, of: NDArray[np.int64], at_once: int
+    rows: RowBoxes,
+    of: NDArray[np.int64],
+    at_once: int,
+    within_us: int = 0,
+    compared: NDArray[np.bool_] | None = None,
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], int]]:
-    """Yield batches of intersecting pairs of rows: first (m,), second (m,), and the number of compared boxes.
+    """Yield batches of pairs of rows that may meet: first (m,), second (m,), and the number of compared boxes.
 
-    Boxes and time spans at least touch; heights share more than an end; not both rows are seam copies. The first row's
-    object has the smaller number. A batch has all pairs of a first object, and about `at_once` pairs.
+    The first row's object has the smaller number. A batch has all pairs of a first object, and about `at_once` pairs.
 
     rows : in the order of `near_order`; any other order gives the same pairs, more slowly
     of : candidates for the first row, in the order of the answer; those of an object are consecutive
+    within_us, compared : as of `may_meet`
     """
     held, left = HeldBoxes.of(rows), np.ascontiguousarray(of, np.int64)
+    which = Compared.of(within_us, compared)
     wanted, room = len(left), max(at_once, 1)
     done, found, looked_at = (np.zeros(1, np.int64) for _ in range(3))
     while len(left):
@@ -138,7 +148,8 @@ def box_pairs(
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
         places: list[Any] = [address(first), address(second), room]
         counts: list[Any] = [address(count) for count in (done, found, looked_at)]
-        check(library().kernel_box_pairs(ctypes.byref(held), address(left), wanted, *places, *counts))
+        given = ctypes.byref(held), ctypes.byref(which), address(left), wanted
+        check(library().kernel_box_pairs(*given, *places, *counts))
         if not done[0]:
             # The pairs of the first object alone do not fit: retry it with more room.
             others = np.flatnonzero(rows.object[left] != rows.object[left[0]])
@@ -158,18 +169,32 @@ class BoxTree:
         check(library().kernel_box_tree_make(ctypes.byref(held), ctypes.byref(self._handle)))
         weakref.finalize(self, library().kernel_box_tree_free, self._handle)
 
-    def pairs(self, rows: RowBoxes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return pairs of a given row and a row of the tree whose boxes intersect as in `box_pairs`, of any objects."""
-        return self.pairs_of(HeldBoxes.of(rows))
+    def pairs(
+        self, rows: RowBoxes, within_us: int = 0, compared: NDArray[np.bool_] | None = None
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return pairs of a given row and a row of the tree that may meet (`may_meet`), also of one object."""
+        return self.pairs_of(HeldBoxes.of(rows), within_us, compared)
 
-    def pairs_of(self, held: "HeldBoxes") -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def pairs_of(
+        self, held: HeldBoxes, within_us: int = 0, compared: NDArray[np.bool_] | None = None
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return what `pairs` does, of rows that several trees are asked about."""
+        which = Compared.of(within_us, compared)
         found, room = ctypes.c_int64(), 1024
         while True:
             first, second = np.empty(room, np.int64), np.empty(room, np.int64)
             places = (address(first), address(second), room, ctypes.byref(found))
-            check(library().kernel_box_tree_pairs(self._handle, ctypes.byref(held), *places))
+            check(library().kernel_box_tree_pairs(self._handle, ctypes.byref(held), ctypes.byref(which), *places))
             count = found.value
             if count <= room:
                 return first[:count], second[:count]
             room = count
+
+
+def boxes_of(pieces: Pieces) -> Floats:
+    """Return the bounding boxes of hulls (n, 4): min x, min y, max x, max y. Every piece must have a hull."""
+    if not len(pieces):
+        return np.empty((0, 4))
+    first = pieces.hull_offset[:-1]
+    least_and_most = [extreme.reduceat(pieces.hull_xy, first) for extreme in (np.minimum, np.maximum)]
+    return np.concatenate(least_and_most, axis=1)

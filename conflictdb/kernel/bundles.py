@@ -10,20 +10,14 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.kernel.header import structure
-from conflictdb.kernel.library import Held, address, check, library
+from conflictdb.kernel.boxes import Compared, HeldBoxes, RowBoxes, boxes_of
+from conflictdb.kernel.library import address, check, library
 from conflictdb.model.results import Kind
 
 # First size of the result, pairs of pieces, and its growth factor. All pairs of two areas of a hundred thousand parts
 # would not fit into memory, and few of them intersect.
 _FIRST_ROOM: Final = 2**24
 _MORE_ROOM: Final = 8
-
-
-class _Bundled(Held):
-    """KernelBundled."""
-
-    _fields_, types = structure("KernelBundled")
 
 
 def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:
@@ -40,27 +34,22 @@ def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:
     return Bundles(pieces.take(order), np.append(np.flatnonzero(begins), n))
 
 
-def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) -> tuple[PieceRows, PieceRows]:
-    """Return pairs of pieces (m,), (m,) of bundles a and b whose boxes intersect and whose spans share an instant."""
-    pieces = bundles.pieces
-    held = _Bundled(len(pieces), len(bundles))
-    held.hold(
-        offset=bundles.offset,
-        boxes=boxes_of(pieces),
-        start_us=pieces.start_us,
-        end_us=pieces.end_us,
-        end_inclusive=pieces.end_inclusive,
-    )
+def bundled_pairs(
+    bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64], within_us: int = 0
+) -> tuple[PieceRows, PieceRows]:
+    """Return pairs of pieces (m,), (m,) of bundles a and b that may meet (`boxes.may_meet`)."""
+    pieces, offset = bundles.pieces, np.ascontiguousarray(bundles.offset, np.int64)
+    held, which = HeldBoxes.of(RowBoxes.of(pieces, boxes_of(pieces))), Compared.of(within_us)
     a, b = (np.ascontiguousarray(rows, np.int64) for rows in (a, b))
     size = np.diff(bundles.offset)
     most = int((size[a] * size[b]).sum())
     found, room = np.zeros(1, np.int64), min(most, _FIRST_ROOM)
-    given: list[Any] = [address(array) for array in (a, b)]
+    given: list[Any] = [ctypes.byref(held), address(offset), len(bundles), ctypes.byref(which), address(a), address(b)]
     while True:
         # Pages of an empty array that are never written take no memory.
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
         room_for: list[Any] = [address(array) for array in (first, second)]
-        status = library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, address(found))
+        status = library().kernel_bundled_pairs(*given, len(a), *room_for, room, address(found))
         if not (status and found[0] == room < most):
             break
         room = min(_MORE_ROOM * room, most)
@@ -82,12 +71,3 @@ def wkb_rings(wkb: Sequence[bytes], rings: int) -> tuple[Floats, NDArray[np.int6
     read: list[Any] = [address(array) for array in (data, offset, xy, found)]
     check(library().kernel_wkb_rings(read[0], len(data), read[1], len(wkb), read[2], len(xy), read[3], rings))
     return xy[: found[-1]], found
-
-
-def boxes_of(pieces: Pieces) -> Floats:
-    """Return the bounding boxes of hulls (n, 4): min x, min y, max x, max y. Every piece must have a hull."""
-    if not len(pieces):
-        return np.empty((0, 4))
-    first = pieces.hull_offset[:-1]
-    least_and_most = [extreme.reduceat(pieces.hull_xy, first) for extreme in (np.minimum, np.maximum)]
-    return np.concatenate(least_and_most, axis=1)

@@ -673,26 +673,6 @@ KERNEL_API KernelStatus kernel_apart(const double *hull, int64_t vertex_count, c
 KERNEL_API KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8_t *moves, int64_t count,
                                        int64_t *order, uint8_t *begins);
 
-/* The pieces of bundles, each bundle in order of time; the parts of an area have equal times. */
-typedef struct {
-    int64_t count, bundles;
-    const int64_t *offset; /* (bundles + 1,) where the pieces of each bundle begin, and the last end */
-    const double *boxes; /* (count, 4) min x, min y, max x, max y */
-    const int64_t *start_us; /* (count,) */
-    const int64_t *end_us; /* (count,) */
-    const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the piece */
-} KernelBundled;
-
-/* Find the pairs of pieces, of pairs of bundles, whose boxes intersect and whose time spans share an instant.
- *
- * a, b : (count,) indices of bundles
- * first, second : (room,) result: pieces of a and of b, in the order of the pairs of bundles. KERNEL_BAD_COUNT if room is
- *     too small; the number of all pairs of their pieces is always enough
- * found : (1,) result: number of pairs
- */
-KERNEL_API KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
-                                             int64_t *first, int64_t *second, int64_t room, int64_t *found);
-
 /* Bounding boxes of rows: in the plane, in height and in time. */
 typedef struct {
     int64_t count;
@@ -727,7 +707,20 @@ KERNEL_API KernelStatus kernel_may_meet(const KernelBoxes *rows, const KernelBox
 /* Order rows so that neighbours in space and time are neighbours in the order. order : (count,) result */
 KERNEL_API KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order);
 
-/* Find the rows that may meet given rows (kernel_may_meet), and whose object has a larger number. Types are not read.
+/* Find the pairs of pieces, of pairs of bundles, that may meet (kernel_may_meet).
+ *
+ * pieces : each bundle in order of time; the parts of an area have equal times
+ * offset : (bundles + 1,) where the pieces of each bundle begin, and the last end
+ * a, b : (count,) indices of bundles
+ * first, second : (room,) result: pieces of a and of b, in the order of the pairs of bundles. KERNEL_BAD_COUNT if room is
+ *     too small; the number of all pairs of their pieces is always enough
+ * found : (1,) result: number of pairs
+ */
+KERNEL_API KernelStatus kernel_bundled_pairs(const KernelBoxes *pieces, const int64_t *offset, int64_t bundles,
+                                             const KernelCompared *compared, const int64_t *a, const int64_t *b, int64_t count,
+                                             int64_t *first, int64_t *second, int64_t room, int64_t *found);
+
+/* Find the rows that may meet given rows (kernel_may_meet), and whose object has a larger number.
  *
  * rows : in the order of kernel_box_order; any other order gives the same pairs, more slowly
  * of : (wanted,) indices of the given rows, those of an object consecutive
@@ -736,8 +729,9 @@ KERNEL_API KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order
  * found : (1,) result: number of pairs
  * looked_at : (1,) result: number of compared boxes, of rows and of tree nodes
  */
-KERNEL_API KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first,
-                                         int64_t *second, int64_t room, int64_t *done, int64_t *found, int64_t *looked_at);
+KERNEL_API KernelStatus kernel_box_pairs(const KernelBoxes *rows, const KernelCompared *compared, const int64_t *of,
+                                         int64_t wanted, int64_t *first, int64_t *second, int64_t room, int64_t *done,
+                                         int64_t *found, int64_t *looked_at);
 
 /* Rows that stay, for lookups of others; immutable, so threads may share it. */
 typedef struct KernelBoxTree KernelBoxTree;
@@ -746,13 +740,14 @@ typedef struct KernelBoxTree KernelBoxTree;
 KERNEL_API KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree);
 KERNEL_API void kernel_box_tree_free(KernelBoxTree *tree);
 
-/* Find the rows of a tree that may meet given rows (kernel_may_meet), of any object. Types are not read.
+/* Find the rows of a tree that may meet given rows (kernel_may_meet), of any object.
  *
  * first, second : (room,) result: given rows in their order, and rows of the tree by the numbers they were made with
  * found : (1,) result: number of pairs; if it exceeds room, only as many are written
  */
-KERNEL_API KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows, int64_t *first,
-                                              int64_t *second, int64_t room, int64_t *found);
+KERNEL_API KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows,
+                                              const KernelCompared *compared, int64_t *first, int64_t *second, int64_t room,
+                                              int64_t *found);
 
 /* ---- Bytes ------------------------------------------------------------------------------------------------------ */
 

@@ -20,7 +20,8 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.conflicts_between import conflicts_of
 from conflictdb.core.members import Member, Members, Plan, by_kind
-from conflictdb.core.near import Together, boxes_within
+from conflictdb.core.near import Together
+from conflictdb.core.stage1_broad_phase import rows_of
 from conflictdb.core.world import World, has_schedules, horizon, hull, touched
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
@@ -178,12 +179,12 @@ class Index:
         scene = world.setup.scene
         mine = self._cut.members(world, given)
         keys = {one.key for one in given}
-        boxes, met = boxes_within(scene.longest_time_us, mine.pieces), Together(mine)
+        asked, met = rows_of(mine.pieces), Together(mine)
         if owner is None:
-            met.add_among(boxes)
-        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(boxes)
+            met.add_among(asked, scene.longest_time_us)
+        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(asked)
         for tree, put in (*state.levels, *extra.levels):
-            first, second = tree.pairs_of(held)
+            first, second = tree.pairs_of(held, scene.longest_time_us)
             if not len(second):
                 continue
             of = put.object_of[second].tolist()
@@ -344,7 +345,7 @@ class _Level(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, put: _Put) -> "_Level":
-        return cls(BoxTree(boxes_within(scene.longest_time_us, put.pieces)), put)
+        return cls(BoxTree(rows_of(put.pieces)), put)
 
 
 @dataclass(frozen=True, slots=True)

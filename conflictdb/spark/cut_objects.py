@@ -26,7 +26,7 @@ from conflictdb.core.world import World, touched
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
-from conflictdb.kernel.bundles import boxes_of
+from conflictdb.kernel.boxes import boxes_of
 from conflictdb.model.plans import Area, Scene, Track, has_unknown_times, is_idle
 from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Kind

@@ -128,7 +128,7 @@ class _Unit:
     def met(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> Iterator[pa.RecordBatch]:
         """Yield the pairs of pieces in rows a and b (m,) whose boxes and hulls overlap."""
         pieces = self._bundles.pieces
-        pairs = bundled_pairs(replace(self._bundles, pieces=pieces.meeting_within(self._within_us)), a, b)
+        pairs = bundled_pairs(self._bundles, a, b, self._within_us)
         meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, *pairs)
         a, b = (side[meet] for side in pairs)
         block = (self.dealt % self._blocks)[self._row]

@@ -165,7 +165,7 @@ if TYPE_CHECKING:
         replace_scene,
         replace_scene_by_parts,
     )
-    from conflictdb.store.stored_pairs import Candidates, Marks, Numbers, Parts, boxes, bundles, candidates
+    from conflictdb.store.stored_pairs import Candidates, Marks, Parts, boxes, bundles, candidates
     from conflictdb.store.stored_probes import (
         Request,
         answer_admission,

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import Bundles, Pieces, level_m
 from conflictdb.arrays.ragged import offsets, ragged_take
-from conflictdb.kernel.bundles import boxes_of, wkb_rings
+from conflictdb.kernel.boxes import boxes_of
+from conflictdb.kernel.bundles import wkb_rings
 from conflictdb.model.results import Kind
 from conflictdb.store import copy_binary
 

@@ -33,8 +33,6 @@ _BOX_COLUMNS: Final = [
 ]  # fmt: skip
 
 
-# The numbers of classes and owners (n,) of rows, 0 without.
-Numbers = tuple[NDArray[np.int64], NDArray[np.int64]]
 # The parts (n,), (n,) of the two pieces of each pair.
 Parts = tuple[NDArray[np.int64], NDArray[np.int64]]
 
@@ -103,8 +101,8 @@ class Marks:
 
 def boxes(
     conn: psycopg.Connection[Any], scene_id: int, most: int, *, fit: int = _ROWS_THAT_FIT
-) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, Numbers, Marks]:
-    """Return ids, numbers of pieces, boxes, classes and owners, and marks of all rows that may be in a marked pair.
+) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, NDArray[np.int64], Marks]:
+    """Return ids, numbers of pieces, boxes, classes and marks of all rows that may be in a marked pair.
 
     Returns no rows if few objects changed, or the scene has more rows than `most` or `fit`. Raises StoreError outside
     of a snapshot.
@@ -118,13 +116,19 @@ def boxes(
         end_us=copy_binary.microseconds(rows["end"]),
         object=rows["object"],
         is_copy=rows["turn"] != 0,
+        owner=rows["owner_number"],
     )
     of_kind = numbers_of_words(KINDS)[kinds_and_ids(found.object)[0]]
     concerned = np.ones(len(found), np.int64)
     for bit, number in enumerate(rows["with_number"].tolist(), 1):
         concerned |= ((rows["class_number"] == number) | (of_kind == number)).astype(np.int64) << bit
-    numbers = rows["class_number"], rows["owner_number"]
-    return rows["piece_id"], rows["pieces"].astype(np.int64), found, numbers, Marks(rows["marks"], concerned)
+    return (
+        rows["piece_id"],
+        rows["pieces"].astype(np.int64),
+        found,
+        rows["class_number"],
+        Marks(rows["marks"], concerned),
+    )
 
 
 def bundles(

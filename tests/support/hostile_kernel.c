@@ -149,10 +149,12 @@ static void bundle_boxes(int64_t odd, int64_t calls[16]) {
     const int64_t n = below(30), pairs = below(6);
     double *boxes = block(4 * n, 8);
     int64_t *run = block(n, 8), *order = block(n, 8), *start = block(n, 8), *end = block(n, 8), *offset = block(n + 1, 8);
-    uint8_t *moves = block(n, 1), *begins = block(n, 1), *inclusive = block(n, 1);
+    uint8_t *moves = block(n, 1), *begins = block(n, 1), *inclusive = block(n, 1), *is_copy = block(n, 1);
+    double *heights = block(n + 1, 8);
     for (int64_t i = 0; i < 4 * n; i++) boxes[i] = number(-10.0, 10.0, odd) + (i % 4 > 1 ? 10.0 : 0.0);
     for (int64_t i = 0; i < n; i++) {
         run[i] = i / 9, moves[i] = (uint8_t)(run[i] % 2), inclusive[i] = (uint8_t)below(2);
+        heights[i] = number(-10.0, 10.0, odd), is_copy[i] = (uint8_t)below(2);
         start[i] = instant(10 * (i % 9), 10 * (i % 9) + 10, odd), end[i] = instant(start[i] % 1000, start[i] % 1000 + 20, odd);
     }
     KernelStatus status = kernel_bundles(boxes, run, moves, below(200) ? n : -1, order, begins);
@@ -168,13 +170,16 @@ static void bundle_boxes(int64_t odd, int64_t calls[16]) {
         a[i] = bundles > 0 && below(200) ? below(bundles) : instant(-3, 20, 2);
         b[i] = bundles > 0 && below(200) ? below(bundles) : instant(-3, 20, 2);
     }
-    const KernelBundled bundled = {n, bundles, offset, boxes, start, end, inclusive};
-    status = kernel_bundled_pairs(&bundled, a, b, pairs, first, second, below(9) ? room : below(3), &found);
+    const KernelBoxes pieces = {n,   below(200) ? boxes : NULL, heights, heights + 1, start, end, run, is_copy, inclusive, NULL,
+                                NULL};
+    const KernelCompared compared = {instant(0, 20, odd), 0, NULL};
+    status = kernel_bundled_pairs(&pieces, below(200) ? offset : NULL, bundles, below(200) ? &compared : NULL, a, b, pairs,
+                                  first, second, below(9) ? room : below(3), &found);
     calls[status]++;
     for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
     free(boxes), free(run), free(order), free(start), free(end), free(offset), free(moves), free(begins), free(inclusive);
-    free(a), free(b), free(first), free(second);
+    free(heights), free(is_copy), free(a), free(b), free(first), free(second);
 }
 
 /* Order boxes, and tell which meet; now and then of rows that there are not, or without room. */
@@ -208,14 +213,14 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     for (int64_t i = 0; status == KERNEL_OK && i < n; i++)
         if (order[i] < 0 || order[i] >= n) abort();
     for (int64_t i = 0; i < wanted; i++) of[i] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 20, 2);
-    status = kernel_box_pairs(&rows, of, wanted, first, second, room, &done, &found, &looked_at);
+    const KernelCompared compared = {instant(0, 20, odd), below(50) ? 3 : -1, below(3) ? of_types : NULL};
+    status = kernel_box_pairs(&rows, below(200) ? &compared : NULL, of, wanted, first, second, room, &done, &found, &looked_at);
     calls[status]++;
     if (status == KERNEL_OK && (done < 0 || done > wanted || found > room)) abort();
     for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
     KernelBoxes others = rows;
     others.boxes = below(3) ? boxes : NULL;
-    const KernelCompared compared = {instant(0, 20, odd), below(50) ? 3 : -1, below(3) ? of_types : NULL};
     for (int64_t k = 0; k < room && k < wanted; k++) first[k] = n > 0 && below(20 * odd) ? below(n) : instant(-3, 50, 2);
     status = kernel_may_meet(&rows, &others, below(200) ? &compared : NULL, of, first, room < wanted ? room : wanted, met);
     calls[status]++;
@@ -225,7 +230,7 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     status = kernel_box_tree_make(&rows, below(200) ? &tree : NULL);
     calls[status]++;
     rows.count = below(200) ? n : -1;
-    status = kernel_box_tree_pairs(tree, &rows, first, second, room, &found);
+    status = kernel_box_tree_pairs(tree, &rows, below(200) ? &compared : NULL, first, second, room, &found);
     calls[status]++;
     for (int64_t k = 0; status == KERNEL_OK && k < found && k < room; k++)
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();

@@ -16,7 +16,8 @@ from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.stage1_broad_phase import candidates
 from conflictdb.earth.registry import Setup
-from conflictdb.kernel.bundles import boxes_of, bundled_pairs
+from conflictdb.kernel.boxes import boxes_of
+from conflictdb.kernel.bundles import bundled_pairs
 
 OUTLINE_M = rectangle_outline_m(50.0, 50.0, 10.0, 10.0)
 MINUTE_US = 60_000_000

@@ -86,8 +86,7 @@ static KernelStatus check_boxes(const KernelBoxes *rows) {
     return rows->count == 0 || (is_whole && rows->object && rows->is_copy) ? KERNEL_OK : KERNEL_NULL;
 }
 
-/* Whether rows have all columns that may_meet reads, and types below the number of types. */
-static KernelStatus check_compared(const KernelBoxes *rows, const KernelCompared *compared) {
+KernelStatus check_compared(const KernelBoxes *rows, const KernelCompared *compared) {
     if (!rows || !compared) return KERNEL_NULL;
     if (rows->count < 0 || compared->within_us < 0 || compared->type_count < 0) return KERNEL_BAD_COUNT;
     bool is_whole = rows->floor_m && rows->ceiling_m && rows->start_us && rows->end_us && rows->is_copy;
@@ -106,7 +105,7 @@ KernelStatus kernel_may_meet(const KernelBoxes *rows, const KernelBoxes *others,
     if (count > 0 && (!a || !b || !met)) return KERNEL_NULL;
     for (int64_t k = 0; k < count; k++)
         if (a[k] < 0 || a[k] >= rows->count || b[k] < 0 || b[k] >= others->count) return KERNEL_BAD_PIECE;
-    for (int64_t k = 0; k < count; k++) met[k] = may_meet(rows, a[k], others, b[k], compared);
+    for (int64_t k = 0; k < count; k++) met[k] = may_meet(row_of(rows, a[k]), row_of(others, b[k]), compared);
     return KERNEL_OK;
 }
 
@@ -131,9 +130,6 @@ typedef struct {
     int64_t first, end, next;
     bool is_copy; /* whether all rows are copies */
 } Node;
-
-/* Rows are as long as they meet others, and types are compared later. */
-static const KernelCompared ALL = {0, 0, NULL};
 
 static Node alone(const KernelBoxes *rows, int64_t i) {
     const double *box = rows->boxes + 4 * i;
@@ -187,15 +183,19 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
     return next;
 }
 
-/* Whether a row may meet rows of a node. */
-static bool may_meet_some(const Node *row, const Node *some) {
-    return boxes_meet(row->box, some->box) && times_meet(row->span, some->span, 0) &&
-           heights_meet(row->floor_m, row->ceiling_m, some->floor_m, some->ceiling_m) && !(row->is_copy && some->is_copy);
+/* The rows of a node as one, which meets whatever one of them meets. */
+static Row row_of_node(const Node *node) {
+    return (Row){node->box, node->floor_m, node->ceiling_m, node->span, node->is_copy, 0, 0};
 }
 
-KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
-                              int64_t room, int64_t *done, int64_t *found, int64_t *looked_at) {
+/* Nodes contain rows of all types. */
+static KernelCompared of_nodes(const KernelCompared *compared) { return (KernelCompared){compared->within_us, 0, NULL}; }
+
+KernelStatus kernel_box_pairs(const KernelBoxes *rows, const KernelCompared *compared, const int64_t *of, int64_t wanted,
+                              int64_t *first, int64_t *second, int64_t room, int64_t *done, int64_t *found,
+                              int64_t *looked_at) {
     KernelStatus status = check_boxes(rows);
+    if (status == KERNEL_OK) status = check_compared(rows, compared);
     if (status != KERNEL_OK) return status;
     if (!done || !found || !looked_at || (wanted > 0 && !of) || (room > 0 && (!first || !second))) return KERNEL_NULL;
     if (wanted < 0 || room < 0) return KERNEL_BAD_COUNT;
@@ -204,14 +204,16 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
     Node *nodes = malloc(most_nodes(rows->count) * sizeof *nodes);
     if (!nodes) return KERNEL_NO_MEMORY;
     int64_t count = rows->count > 0 ? make_nodes(rows, nodes, 0, 0, rows->count) : 0, pairs = 0;
+    const KernelCompared nodes_compared = of_nodes(compared);
     *done = *found = *looked_at = 0;
     for (int64_t k = 0; k < wanted; k++) {
-        const Node row = alone(rows, of[k]);
-        if (k > 0 && rows->object[of[k - 1]] != row.object) *done = k, *found = pairs;
+        const Row row = row_of(rows, of[k]);
+        const int64_t object = rows->object[of[k]];
+        if (k > 0 && rows->object[of[k - 1]] != object) *done = k, *found = pairs;
         for (int64_t n = 0; n < count;) {
             const Node *node = nodes + n;
             ++*looked_at;
-            if (row.object >= node->object || !may_meet_some(&row, node)) {
+            if (object >= node->object || !may_meet(row, row_of_node(node), &nodes_compared)) {
                 n = node->next;
                 continue;
             }
@@ -219,7 +221,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
             if (node->next > n) continue;
             *looked_at += node->end - node->first;
             for (int64_t j = node->first; j < node->end; j++) {
-                if (row.object >= rows->object[j] || !may_meet(rows, of[k], rows, j, &ALL)) continue;
+                if (object >= rows->object[j] || !may_meet(row, row_of(rows, j), compared)) continue;
                 if (pairs == room) {
                     free(nodes);
                     return KERNEL_OK;
@@ -246,15 +248,15 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
     if (status != KERNEL_OK) return status;
     if (!tree) return KERNEL_NULL;
     size_t n = (size_t)rows->count;
-    size_t row_size = 6 * sizeof(double) + 5 * sizeof(int64_t) + 2 * sizeof(uint8_t);
+    size_t row_size = 6 * sizeof(double) + 6 * sizeof(int64_t) + 2 * sizeof(uint8_t);
     char *block = malloc(sizeof(KernelBoxTree) + most_nodes(rows->count) * sizeof(Node) + n * row_size);
     if (!block) return KERNEL_NO_MEMORY;
     KernelBoxTree *made = (KernelBoxTree *)block;
     Node *nodes = (Node *)(made + 1);
     double *boxes = (double *)(nodes + most_nodes(rows->count)), *floor_m = boxes + 4 * n, *ceiling_m = floor_m + n;
     int64_t *start_us = (int64_t *)(ceiling_m + n), *end_us = start_us + n, *object = end_us + n, *number = object + n;
-    int64_t *owner = number + n;
-    uint8_t *is_copy = (uint8_t *)(owner + n), *end_inclusive = is_copy + n;
+    int64_t *owner = number + n, *type = owner + n;
+    uint8_t *is_copy = (uint8_t *)(type + n), *end_inclusive = is_copy + n;
     status = kernel_box_order(rows, number);
     if (status != KERNEL_OK) {
         free(block);
@@ -266,10 +268,11 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
         floor_m[k] = rows->floor_m[i], ceiling_m[k] = rows->ceiling_m[i];
         start_us[k] = rows->start_us[i], end_us[k] = rows->end_us[i];
         object[k] = rows->object[i], is_copy[k] = rows->is_copy[i];
-        owner[k] = rows->owner ? rows->owner[i] : 0, end_inclusive[k] = !rows->end_inclusive || rows->end_inclusive[i];
+        owner[k] = rows->owner ? rows->owner[i] : 0, type[k] = rows->type ? rows->type[i] : 0;
+        end_inclusive[k] = !rows->end_inclusive || rows->end_inclusive[i];
     }
     *made = (KernelBoxTree){
-        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy, end_inclusive, owner, NULL},
+        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy, end_inclusive, owner, type},
         .number = number,
         .nodes = nodes,
     };
@@ -280,25 +283,29 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
 
 void kernel_box_tree_free(KernelBoxTree *tree) { free(tree); }
 
-KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows, int64_t *first, int64_t *second,
-                                   int64_t room, int64_t *found) {
+KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows, const KernelCompared *compared,
+                                   int64_t *first, int64_t *second, int64_t room, int64_t *found) {
+    if (!tree) return KERNEL_NULL;
     KernelStatus status = check_boxes(rows);
+    if (status == KERNEL_OK) status = check_compared(rows, compared);
+    if (status == KERNEL_OK) status = check_compared(&tree->rows, compared);
     if (status != KERNEL_OK) return status;
-    if (!tree || !found || (room > 0 && (!first || !second))) return KERNEL_NULL;
+    if (!found || (room > 0 && (!first || !second))) return KERNEL_NULL;
     if (room < 0) return KERNEL_BAD_COUNT;
+    const KernelCompared nodes_compared = of_nodes(compared);
     int64_t pairs = 0;
     for (int64_t i = 0; i < rows->count; i++) {
-        const Node row = alone(rows, i);
+        const Row row = row_of(rows, i);
         for (int64_t n = 0; n < tree->node_count;) {
             const Node *node = tree->nodes + n;
-            if (!may_meet_some(&row, node)) {
+            if (!may_meet(row, row_of_node(node), &nodes_compared)) {
                 n = node->next;
                 continue;
             }
             n++;
             if (node->next > n) continue;
             for (int64_t j = node->first; j < node->end; j++) {
-                if (!may_meet(rows, i, &tree->rows, j, &ALL)) continue;
+                if (!may_meet(row, row_of(&tree->rows, j), compared)) continue;
                 if (pairs < room) first[pairs] = i, second[pairs] = tree->number[j];
                 pairs++;
             }

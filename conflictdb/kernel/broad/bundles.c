@@ -123,31 +123,27 @@ static bool meet(const double *box, Box bounds) {
     return boxes_meet(box, (const double[]){bounds.low_x, bounds.low_y, bounds.high_x, bounds.high_y});
 }
 
-static Span span_of_piece(const KernelBundled *pieces, int64_t i) {
-    return (Span){pieces->start_us[i], pieces->end_us[i], pieces->end_inclusive[i] != 0};
-}
-
-KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a, const int64_t *b, int64_t count,
+KernelStatus kernel_bundled_pairs(const KernelBoxes *pieces, const int64_t *offset, int64_t bundles,
+                                  const KernelCompared *compared, const int64_t *a, const int64_t *b, int64_t count,
                                   int64_t *first, int64_t *second, int64_t room, int64_t *found) {
-    if (!pieces || !found) return KERNEL_NULL;
-    if (pieces->count < 0 || pieces->bundles < 0 || count < 0 || room < 0) return KERNEL_BAD_COUNT;
-    const int64_t *offset = pieces->offset;
-    if (!offset || (pieces->count > 0 && (!pieces->boxes || !pieces->start_us || !pieces->end_us || !pieces->end_inclusive)))
-        return KERNEL_NULL;
+    KernelStatus status = check_compared(pieces, compared);
+    if (status != KERNEL_OK) return status;
+    if (!found || !offset || (pieces->count > 0 && !pieces->boxes)) return KERNEL_NULL;
+    if (bundles < 0 || count < 0 || room < 0) return KERNEL_BAD_COUNT;
     if ((count > 0 && (!a || !b)) || (room > 0 && (!first || !second))) return KERNEL_NULL;
-    if (offset[0] != 0 || offset[pieces->bundles] != pieces->count) return KERNEL_BAD_OFFSET;
+    if (offset[0] != 0 || offset[bundles] != pieces->count) return KERNEL_BAD_OFFSET;
     int64_t largest = 1;
-    for (int64_t k = 0; k < pieces->bundles; k++) {
+    for (int64_t k = 0; k < bundles; k++) {
         if (offset[k + 1] < offset[k]) return KERNEL_BAD_OFFSET;
         if (offset[k + 1] - offset[k] > largest) largest = offset[k + 1] - offset[k];
     }
     for (int64_t k = 0; k < count; k++)
-        if (a[k] < 0 || a[k] >= pieces->bundles || b[k] < 0 || b[k] >= pieces->bundles) return KERNEL_BAD_PIECE;
-    Box *whole = malloc((size_t)(pieces->bundles + 1) * sizeof *whole);
+        if (a[k] < 0 || a[k] >= bundles || b[k] < 0 || b[k] >= bundles) return KERNEL_BAD_PIECE;
+    Box *whole = malloc((size_t)(bundles + 1) * sizeof *whole);
     int64_t *near = malloc((size_t)largest * sizeof *near);
-    KernelStatus status = whole && near ? KERNEL_OK : KERNEL_NO_MEMORY;
+    status = whole && near ? KERNEL_OK : KERNEL_NO_MEMORY;
     *found = 0;
-    for (int64_t k = 0; status == KERNEL_OK && k < pieces->bundles; k++) {
+    for (int64_t k = 0; status == KERNEL_OK && k < bundles; k++) {
         whole[k] = NO_BOX;
         for (int64_t i = offset[k]; i < offset[k + 1]; i++) whole[k] = joined(whole[k], box_of(pieces->boxes, i));
     }
@@ -156,14 +152,14 @@ KernelStatus kernel_bundled_pairs(const KernelBundled *pieces, const int64_t *a,
         for (int64_t j = offset[b[k]]; j < offset[b[k] + 1]; j++)
             if (meet(pieces->boxes + 4 * j, whole[a[k]])) near[nearest++] = j;
         for (int64_t i = offset[a[k]]; status == KERNEL_OK && i < offset[a[k] + 1]; i++) {
-            const double *box = pieces->boxes + 4 * i;
-            if (!meet(box, whole[b[k]])) continue;
-            /* A bundle is in order of time: a piece that ended before this one begins cannot meet any later one. */
-            while (passed < nearest && pieces->end_us[near[passed]] < pieces->start_us[i]) passed++;
-            for (int64_t n = passed; n < nearest && pieces->start_us[near[n]] <= pieces->end_us[i]; n++) {
-                if (!boxes_meet(box, pieces->boxes + 4 * near[n]) ||
-                    !times_meet(span_of_piece(pieces, i), span_of_piece(pieces, near[n]), 0))
-                    continue;
+            const Row piece = row_of(pieces, i);
+            if (!meet(piece.box, whole[b[k]])) continue;
+            /* A bundle is in order of time: a piece that is over when this one begins cannot meet any later one. */
+            while (passed < nearest && is_over(row_of(pieces, near[passed]).span, piece.span, compared->within_us)) passed++;
+            for (int64_t n = passed; n < nearest; n++) {
+                const Row other = row_of(pieces, near[n]);
+                if (is_over(piece.span, other.span, compared->within_us)) break;
+                if (!may_meet(piece, other, compared)) continue;
                 if (*found == room) {
                     status = KERNEL_BAD_COUNT;
                     break;

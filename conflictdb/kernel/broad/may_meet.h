@@ -30,19 +30,45 @@ static inline bool times_meet(Span a, Span b, int64_t within_us) {
     return (a.end_us > end_us || a.end_inclusive) && (b.end_us > end_us || b.end_inclusive);
 }
 
-static inline Span span_of(const KernelBoxes *rows, int64_t i) {
-    return (Span){rows->start_us[i], rows->end_us[i], !rows->end_inclusive || rows->end_inclusive[i]};
+/* Whether the first span ended more than within_us before the second one begins. */
+static inline bool is_over(Span a, Span b, int64_t within_us) {
+    return a.end_us < b.start_us && (uint64_t)b.start_us - (uint64_t)a.end_us > (uint64_t)within_us;
 }
 
-/* Whether two pieces of different objects, rows i of a and j of b, may meet. */
-static inline bool may_meet(const KernelBoxes *a, int64_t i, const KernelBoxes *b, int64_t j, const KernelCompared *compared) {
-    if (a->boxes && b->boxes && !boxes_meet(a->boxes + 4 * i, b->boxes + 4 * j)) return false;
-    if (!times_meet(span_of(a, i), span_of(b, j), compared->within_us)) return false;
-    if (!heights_meet(a->floor_m[i], a->ceiling_m[i], b->floor_m[j], b->ceiling_m[j])) return false;
-    /* Of two seam copies the originals meet, too. */
-    if (a->is_copy[i] && b->is_copy[j]) return false;
-    if (a->owner && b->owner && a->owner[i] != 0 && a->owner[i] == b->owner[j]) return false;
-    return !compared->of_types || compared->of_types[compared->type_count * a->type[i] + b->type[j]];
+/* A piece, or several: a bundle, or a node of a tree. */
+typedef struct {
+    const double *box; /* NULL: not compared */
+    double floor_m, ceiling_m;
+    Span span;
+    bool is_copy; /* of several: all are */
+    int64_t owner; /* 0: none, or several */
+    int64_t type;
+} Row;
+
+static inline Row row_of(const KernelBoxes *rows, int64_t i) {
+    return (Row){
+        .box = rows->boxes ? rows->boxes + 4 * i : NULL,
+        .floor_m = rows->floor_m[i],
+        .ceiling_m = rows->ceiling_m[i],
+        .span = {rows->start_us[i], rows->end_us[i], !rows->end_inclusive || rows->end_inclusive[i]},
+        .is_copy = rows->is_copy[i] != 0,
+        .owner = rows->owner ? rows->owner[i] : 0,
+        .type = rows->type ? rows->type[i] : 0,
+    };
 }
+
+/* Whether two rows of different objects may meet. */
+static inline bool may_meet(Row a, Row b, const KernelCompared *compared) {
+    if (a.box && b.box && !boxes_meet(a.box, b.box)) return false;
+    if (!times_meet(a.span, b.span, compared->within_us)) return false;
+    if (!heights_meet(a.floor_m, a.ceiling_m, b.floor_m, b.ceiling_m)) return false;
+    /* Of two seam copies the originals meet, too. */
+    if (a.is_copy && b.is_copy) return false;
+    if (a.owner != 0 && a.owner == b.owner) return false;
+    return !compared->of_types || compared->of_types[compared->type_count * a.type + b.type];
+}
+
+/* Whether rows have all columns that may_meet reads, and types below the number of types. */
+KernelStatus check_compared(const KernelBoxes *rows, const KernelCompared *compared);
 
 #endif

@@ -269,14 +269,14 @@ export class Kernel {
     return found;
   }
 
-  // Pairs of a row of some and a row of a larger object that may meet, as [row, row]; types are not read.
-  boxPairs(rows, some) {
+  // Pairs of a row of some and a row of a larger object that may meet (`mayMeet`), as [row, row].
+  boxPairs(rows, { within = 0n, types = 0n, compared = null }, some) {
     for (let room = 4096; ; room *= 8) {
       const found = this.call(() => {
         const [first, second] = [this.room(8 * room), this.room(8 * room)];
         const [done, count, looked] = [this.room(8), this.room(8), this.room(8)];
         this.check(this.functions.kernel_box_pairs(
-          this.struct(BigInt(rows[1].length), ...rows), this.put(some), BigInt(some.length), first, second, BigInt(room), done, count, looked));
+          this.struct(BigInt(rows[1].length), ...rows), this.struct(within, types, compared), this.put(some), BigInt(some.length), first, second, BigInt(room), done, count, looked));
         if (this.read(BigInt64Array, done, 1)[0] < BigInt(some.length)) return null; // too little room
         const n = Number(this.read(BigInt64Array, count, 1)[0]);
         const [a, b] = [first, second].map((at) => this.read(BigInt64Array, at, n));

@@ -90,11 +90,10 @@ export function rowsOf({ object, turn, end_inclusive: inclusive, owner, type }, 
   ];
 }
 
-// Which pairs of rows of pieces may meet, as flags. compared: of pairs of types, null: all.
-export function mayMeet(kernel, rows, pairs, within = 0, ofTypes = null) {
-  const compared = ofTypes && Uint8Array.from(ofTypes.flat(), (settings) => settings >= 0);
+// Which pairs of rows of pieces may meet, as flags.
+export function mayMeet(kernel, rows, pairs, within = 0) {
   const [a, b] = [0, 1].map((n) => BigInt64Array.from(pairs, (pair) => BigInt(pair[n])));
-  return kernel.mayMeet(rows, rows, { within: BigInt(within), types: BigInt(ofTypes?.length ?? 0), compared }, a, b);
+  return kernel.mayMeet(rows, rows, { within: BigInt(within) }, a, b);
 }
 
 // The columns of KernelBoxes of a pack within a reach, with what could not be cut everywhere.
@@ -117,9 +116,8 @@ export function pairsNear(kernel, pack, object, { reachM = pack.reach_m, isTimed
   const mine = [...pack.object.keys()].filter((row) => pack.object[row] === object);
   for (const row of mine) numbers[row] = 0n;
   const rows = [...made.slice(0, 5), numbers, ...made.slice(6)];
-  const found = kernel.boxPairs(rows, BigInt64Array.from(mine, BigInt));
-  const isMet = isAllowed ? null : mayMeet(kernel, rows, found, 0, pack.of_types);
-  const near = isMet ? found.filter((_, n) => isMet[n]) : found;
+  const types = { types: BigInt(pack.of_types.length), compared: Uint8Array.from(pack.of_types.flat(), (settings) => settings >= 0) };
+  const near = kernel.boxPairs(rows, isAllowed ? {} : types, BigInt64Array.from(mine, BigInt));
   const isCovered = ([row, other]) => Boolean(pack.is_cover[row] || pack.is_cover[other]);
   const isApart = kernel.apart(hulls, ...[0, 1].map((n) => BigInt64Array.from(near, (pair) => BigInt(pair[n]))));
   // In the order of the other objects.
