@@ -16,9 +16,8 @@ from typing import Any
 HERE = Folder(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
 
-from case import Case  # noqa: E402
+from case import Case, scene_of  # noqa: E402
 from databases import test_server  # noqa: E402
-from mixed_scenes import mixed_scene  # noqa: E402
 from path_table import IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Table, seeds_of  # noqa: E402
 from reused import ReusedDatabase  # noqa: E402
 from scene_features import FEATURES  # noqa: E402
@@ -60,7 +59,7 @@ def filled(seeds: range | None, names: list[str], least: int | None) -> Table:
     with tempfile.TemporaryDirectory() as folder:
         for name, path in in_memory.items():
             for seed in seeds_of(name) if seeds is None else seeds:
-                table.put(Case(mixed_scene(seed), Folder(folder)), {name: path}, least)
+                table.put(Case(scene_of(seed), Folder(folder)), {name: path}, least)
         if stored:
             run = f"paths{os.getpid()}"
             with test_server(run, "main") as server:

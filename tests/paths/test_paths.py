@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import psycopg
 import pytest
-from case import Case
+from case import Case, scene_of
 from database_paths import StoredCase
 from mixed_scenes import mixed_scene
 from path_table import GROUPS_IN_DATABASE, IN_DATABASE, IN_MEMORY, NOT_APPLICABLE, PATHS, SEEDS, Path, Table, seeds_of
@@ -38,7 +38,9 @@ def assert_whole(table: Table, paths: Mapping[str, Path]) -> None:
 def test_paths_in_memory(tmp_path: Folder, name: str) -> None:
     table, paths = Table(), {name: IN_MEMORY[name]}
     for seed in seeds_of(name):
-        table.put(Case(mixed_scene(seed), tmp_path), paths, LEAST)
+        table.put(Case(scene_of(seed), tmp_path), paths, LEAST)
+        if not table.empty(paths):
+            break
     assert_whole(table, paths)
 
 
@@ -47,6 +49,8 @@ def test_paths_in_a_database(conn: psycopg.Connection[Any], dsn: str, tmp_path: 
     table, paths = Table(), {name: IN_DATABASE[name] for name in GROUPS_IN_DATABASE[group]}
     for seed in SEEDS:
         put_stored(table, seed, conn, dsn, tmp_path, paths, LEAST)
+        if not table.empty(paths):
+            break
     assert_whole(table, paths)
 
 
@@ -60,7 +64,7 @@ def put_stored(
     least: int | None,
 ) -> None:
     """Put a scene to paths of a database, and remove it."""
-    mixed = mixed_scene(seed)
+    mixed = scene_of(seed)
     if least is not None and not any(table.wants(name, mixed.features, least) for name in paths):
         return
     with connect(conn) as db:
@@ -103,6 +107,6 @@ def test_free_seeds(conn: psycopg.Connection[Any], dsn: str, tmp_path: Folder, n
     """A seed that no other run has; it is printed, and each problem has the command that repeats it."""
     table, seed = Table(), len(FEATURES) * secrets.randbelow(2**26) + number
     sys.stdout.write(f"seed {seed}: {', '.join(sorted(mixed_scene(seed).features))}\n")
-    table.put(Case(mixed_scene(seed), tmp_path), IN_MEMORY)
+    table.put(Case(scene_of(seed), tmp_path), IN_MEMORY)
     put_stored(table, seed, conn, dsn, tmp_path, IN_DATABASE, None)
     assert not table.problems, "\n".join(table.problems)
