@@ -637,15 +637,16 @@ def test_the_longest_voyage_is_the_same_in_sql_and_python(conn: psycopg.Connecti
         assert pieces.end_us.max() <= track.times_us[0] + round(1e6 * (lasts_s + 1.0))
 
 
-@pytest.mark.parametrize("name", UNREAD)
-def test_an_unread_schedule_is_exported_and_stops_no_other_object(dsn: str, tmp_path: Path, name: str) -> None:
+def test_an_unread_schedule_is_exported_and_stops_no_other_object(dsn: str, tmp_path: Path) -> None:
     """As it is stored: who mends it reads it in the file. A scene is read whole."""
     with conflictdb.connect(dsn) as db:
-        db.load(scene_file(tmp_path, feature("A"), feature("B"), voyage("T")))
-        spoil(db.connection, "area", "A", UNREAD[name])
+        db.load(scene_file(tmp_path, *map(feature, UNREAD), feature("B"), voyage("T"), horizon_days=36500))
+        for name, schedule in UNREAD.items():
+            spoil(db.connection, "area", name, schedule)
         spoil(db.connection, "track", "T", '{"notam": "WHENEVER"}')
         db.scene("plans").detect()
         db.scene("plans").export(tmp_path / "out.geojson")
     found = json.loads((tmp_path / "out.geojson").read_text())
     written = {one["id"]: one["properties"].get("schedule") for one in found["features"]}
-    assert written == {"A": json.loads(UNREAD[name]), "B": None, "T": {"notam": "WHENEVER"}}
+    unread = {name: json.loads(schedule) for name, schedule in UNREAD.items()}
+    assert written == {**unread, "B": None, "T": {"notam": "WHENEVER"}}

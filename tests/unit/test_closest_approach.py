@@ -112,7 +112,7 @@ def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats,
 
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
-@draws("pairs", 400, 1500)
+@draws("pairs", 200, 1500)
 def test_nothing_is_nearer_than_the_bounds_of_its_time(workload: Workload, earth: EarthModel, pairs: int) -> None:
     """For long times and for short ones; and the bounds of short times are close."""
     if workload.motion is Motion.GREAT_CIRCLE and earth is EarthModel.WGS84:

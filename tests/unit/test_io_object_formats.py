@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from draws import draws
 from oracle import haven_at
 from route_files import rtz, s421, waypoint
 
@@ -81,18 +82,19 @@ def assert_same(one: Track, other: Track) -> None:
         assert (a is None and b is None) or np.array_equal(a, b)
 
 
-@pytest.mark.parametrize("seed", range(200))
-def test_routes_of_rtz_and_s421_come_back_without_loss(seed: int, tmp_path: Path) -> None:
-    rng = np.random.default_rng(seed)
-    if seed % 5:
-        path = tmp_path / "in.rtz"
-        path.write_text(random_rtz(rng))
-    else:
-        path = tmp_path / "in.s421"
-        path.write_text(s421(kind=str(rng.integers(1, 3)), limit=f"{rng.uniform(1, 9999):.1f}"))
-    (first,) = read(path).tracks
-    (again,) = read(written(tmp_path / "out.rtz", [], [first])).tracks
-    assert_same(first, again)
+@draws("seeds", 40, 200)
+def test_routes_of_rtz_and_s421_come_back_without_loss(seeds: int, tmp_path: Path) -> None:
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        if seed % 5:
+            path = tmp_path / "in.rtz"
+            path.write_text(random_rtz(rng))
+        else:
+            path = tmp_path / "in.s421"
+            path.write_text(s421(kind=str(rng.integers(1, 3)), limit=f"{rng.uniform(1, 9999):.1f}"))
+        (first,) = read(path).tracks
+        (again,) = read(written(tmp_path / "out.rtz", [], [first])).tracks
+        assert_same(first, again)
 
 
 def test_any_track_comes_back_from_rtz(tmp_path: Path) -> None:
