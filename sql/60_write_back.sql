@@ -482,7 +482,20 @@ WITH member AS MATERIALIZED (
                 closest_a_point = o.closest_a_point, closest_b_point = o.closest_b_point, found_at = o.found_at,
                 digest = o.digest, conflict_id = o.conflict_id, changed_at = o.changed_at,
                 told_periods = o.told_periods, lacking_s = o.lacking_s, certainty = o.certainty
-            FROM located o WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
+            FROM located o
+            WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
+              -- A rule or setting that changes the digest alone (0: not known) writes nothing. Rows that stay where they
+              -- are let the table shrink again after a rule that made many conflicts.
+              AND (c.digest = 0
+                   OR (c.a_kind, c.a_id, c.a_version, c.a_key, c.b_kind, c.b_id, c.b_version, c.b_key, c.periods,
+                       c.verdict, c.region, c.first_contact_point, c.method, c.time_error_s, c.closest_at, c.closest_m,
+                       c.closest_error_m, c.closest_a_point, c.closest_b_point, c.found_at, c.conflict_id, c.changed_at,
+                       c.told_periods, c.lacking_s, c.certainty)
+                      IS DISTINCT FROM
+                      (o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id, o.b_version, o.b_key, o.periods,
+                       o.verdict, o.known_region, o.first_contact_point, v_method, o.time_error_s, o.closest_at,
+                       o.closest_m, o.closest_error_m, o.closest_a_point, o.closest_b_point, o.found_at, o.conflict_id,
+                       o.changed_at, o.told_periods, o.lacking_s, o.certainty))
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                               periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,

@@ -162,8 +162,8 @@ def test_rows_that_are_the_same_are_not_written_again(conn: Conn, scene_id: int)
     assert [old == new for old, new in zip(before, after, strict=True)] == [True, True, False]
 
 
-def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id: int) -> None:
-    """And those whose digest is not known, as before an upgrade."""
+def test_rows_found_under_other_settings_are_written_if_they_differ(conn: Conn, scene_id: int) -> None:
+    """And those whose digest is not known, as before an upgrade; others stay where they are."""
     versions = "SELECT xmin::text FROM conflictdb.conflict ORDER BY a_key, b_key"
 
     def written(record: store.RunRecord = RECORD) -> bool:
@@ -181,7 +181,7 @@ def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id:
 
     detect(conn, scene_id, ALL)
     assert not written()
-    assert written(replace(RECORD, settings={"tolerance_m": 1.0}))
+    assert not written(replace(RECORD, settings={"tolerance_m": 1.0}))
     assert written(replace(RECORD, method="exact"))
     assert not written(replace(RECORD, method="exact"))
     conn.execute("UPDATE conflictdb.conflict SET digest = DEFAULT")
