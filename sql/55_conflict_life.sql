@@ -150,32 +150,40 @@ COMMENT ON FUNCTION _history_kept(bigint) IS
 'or role, else 30 days.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune(p_scene_id bigint, p_kept interval) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Reads what is old, by index, whatever the statistics; a nested loop would compare each run with each event.
+SET enable_nestloop = off SET enable_seqscan = off SET jit = off AS $$
 DECLARE
+    v_until timestamptz := now() - p_kept;
     v_run_id bigint := (SELECT r.run_id FROM run r
-                        WHERE r.scene_id = p_scene_id AND r.error IS NULL AND r.finished_at <= now() - p_kept
+                        WHERE r.scene_id = p_scene_id AND r.error IS NULL AND r.finished_at <= v_until
                         ORDER BY r.run_id DESC LIMIT 1);
     v_removed bigint := 0;
 BEGIN
     IF v_run_id IS NOT NULL THEN
         -- Keep the last event of each conflict that was open then: it describes its state since.
-        DELETE FROM conflict_event e
-            USING (SELECT o.conflict_event_id, o.kind,
-                          lead(o.kind) OVER (PARTITION BY o.conflict_id ORDER BY o.conflict_event_id) AS next_kind
-                   FROM conflict_event o WHERE o.scene_id = p_scene_id AND o.run_id <= v_run_id) o
-            WHERE e.scene_id = p_scene_id AND e.conflict_event_id = o.conflict_event_id
-              AND (o.next_kind IS NOT NULL OR o.kind = 'closed');
-        GET DIAGNOSTICS v_removed = ROW_COUNT;
-        DELETE FROM acknowledgement k
-            WHERE k.scene_id = p_scene_id
-              AND (k.ended_at <= now() - p_kept
-                   OR NOT EXISTS (SELECT FROM conflict_event e
-                                  WHERE e.scene_id = p_scene_id AND e.conflict_id = k.conflict_id));
-        DELETE FROM proposal p WHERE p.scene_id = p_scene_id AND p.made_at <= now() - p_kept;
+        WITH removed AS (
+            DELETE FROM conflict_event e
+                WHERE e.ctid = ANY (ARRAY(
+                    SELECT o.place
+                    FROM (SELECT x.ctid AS place, x.kind,
+                                 lead(x.kind) OVER (PARTITION BY x.conflict_id ORDER BY x.conflict_event_id) AS next_kind
+                          FROM conflict_event x
+                          WHERE x.scene_id = p_scene_id AND x.at <= v_until AND x.run_id <= v_run_id) o
+                    WHERE o.next_kind IS NOT NULL OR o.kind = 'closed'))
+                RETURNING e.conflict_id, e.kind
+        ), forgotten AS (
+            DELETE FROM acknowledgement k USING removed r
+                WHERE k.scene_id = p_scene_id AND k.conflict_id = r.conflict_id AND r.kind = 'closed'
+        )
+        SELECT count(*) INTO v_removed FROM removed;
+        DELETE FROM acknowledgement k WHERE k.scene_id = p_scene_id AND k.ended_at <= v_until;
+        DELETE FROM proposal p WHERE p.scene_id = p_scene_id AND p.made_at <= v_until;
         DELETE FROM run r
             WHERE r.scene_id = p_scene_id AND r.run_id < v_run_id
-              AND r.run_id NOT IN (SELECT c.run_id FROM conflict c WHERE c.scene_id = p_scene_id)
-              AND r.run_id NOT IN (SELECT e.run_id FROM conflict_event e WHERE e.scene_id = p_scene_id);
+              AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = p_scene_id AND c.run_id = r.run_id)
+              AND NOT EXISTS (SELECT FROM conflict_event e
+                              WHERE e.scene_id = p_scene_id AND e.at <= v_until AND e.run_id = r.run_id);
     END IF;
     INSERT INTO history AS h (scene_id, first_run_id, pruned_at) VALUES (p_scene_id, v_run_id, now())
         ON CONFLICT (scene_id) DO UPDATE
@@ -190,7 +198,7 @@ COMMENT ON FUNCTION _prune(bigint, interval) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    -- At most hourly, because it reads all events of the scene.
+    -- At most hourly, because it reads all old events and all conflicts of the scene.
     IF NOT EXISTS (SELECT FROM history h
                    WHERE h.scene_id = p_scene_id AND h.pruned_at > now() - interval '1 hour') THEN
         PERFORM _prune(p_scene_id, _history_kept(p_scene_id));

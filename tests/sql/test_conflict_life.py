@@ -182,6 +182,7 @@ def test_detections_prune_by_the_policy_of_the_scene_else_of_the_server(
     run(scene)
     if kept is False and (of_scene, setting) == (None, None):
         scene.execute("UPDATE conflictdb.run SET finished_at = finished_at - interval '31 days'")
+        scene.execute("UPDATE conflictdb.conflict_event SET at = at - interval '31 days'")
     scene.execute("UPDATE conflictdb.scene SET history_kept = %s", [of_scene])
     scene.execute("UPDATE conflictdb.history SET pruned_at = pruned_at - interval '2 hours'")
     scene.execute("SELECT set_config('conflictdb.history_kept', %s, false)", [setting or ""])

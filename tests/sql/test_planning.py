@@ -385,6 +385,15 @@ def add_many(conn: Conn) -> None:
            CROSS JOIN LATERAL (SELECT timestamptz '2026-03-01Z' + n %% 977 * interval '1 minute' AS at) t""",
         {"many": MANY},
     )
+    conn.execute(
+        """INSERT INTO conflictdb.conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key,
+                                                  b_kind, b_key, periods, verdict, time_error_s)
+           SELECT s.scene_id, n / 10, n, 'opened', t.at, t.at, 0, 'A' || n, 1, 'T' || n, '{(,)}', 'conflict', 0
+           FROM conflictdb.scene s CROSS JOIN generate_series(1, %s) n
+           CROSS JOIN LATERAL (SELECT timestamptz '2026-03-01Z' + n / 10 * interval '1 minute' AS at) t
+           ORDER BY n, s.scene_id""",
+        [MANY],
+    )
     conn.execute("ANALYZE")
     conn.commit()
 
@@ -401,6 +410,10 @@ def add_many(conn: Conn) -> None:
         ("conflicts_within('many', ST_MakeEnvelope(3.3, 3.3, 3.7, 3.7, 4326), '[2026-03-01,2026-03-02)')", 0),
         ("conflicts_within('many', ST_MakeEnvelope(2.9, 2.9, 3.1, 3.1, 4326), '[2026-03-01,2026-03-02)')", 1),
         ("conflicts_within('many', ST_MakeEnvelope(2.9, 2.9, 3.1, 3.1, 4326), NULL)", 1),
+        ("conflict_events WHERE scene = 'many' AND at >= '2026-03-02 09:18Z'", 21),
+        ("conflict_events WHERE scene = 'many' AND at BETWEEN '2026-03-01 12:00Z' AND '2026-03-01 12:01Z'", 20),
+        ("conflict_events WHERE scene = 'many' AND event > 39990 ORDER BY event", 5),
+        ("map_conflicts WHERE scene = 'many' AND conflict_id = 777", 1),
     ],
 )
 def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
@@ -414,6 +427,34 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     plan = row[0][0]["Plan"]
     assert plan["Actual Rows"] == found
     assert max(most_read(plan), worst_waste(plan)) < 100
+
+
+def test_pruning_reads_what_is_old_and_compares_no_run_with_all_events(conn: Conn, plans: list[dict[str, Any]]) -> None:
+    """A history of 3.6 million events was not pruned within five minutes: each run was looked up among all of them."""
+    load(conn, Scene("s"), grid(), [])
+    conn.execute("SET work_mem = '64kB'")
+    conn.execute("SET hash_mem_multiplier = 1")
+    conn.execute(
+        """INSERT INTO conflictdb.run (scene_id, started_at, finished_at, method, settings, objects, conflicts,
+                                       unresolved, opened, changed, closed)
+           SELECT s.scene_id, t, t, 'exact', '{}', 1, 0, 0, 0, 0, 0
+           FROM conflictdb.scene s, generate_series(now() - interval '300 minutes', now(), interval '1 minute') t"""
+    )
+    conn.execute(
+        """INSERT INTO conflictdb.conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key,
+                                                  b_kind, b_key, periods, verdict, time_error_s)
+           SELECT r.scene_id, r.run_id, r.run_id * 100 + n / 2, (ARRAY['opened', 'closed'])[n % 2 + 1], r.finished_at,
+                  r.finished_at, 0, 'A' || n, 1, 'T' || n, '{(,)}', 'conflict', 0
+           FROM conflictdb.run r, generate_series(0, 99) n"""
+    )
+    conn.execute("ANALYZE conflictdb.conflict_event")
+    conn.commit()
+    plans.clear()
+    assert conn.execute("SELECT conflictdb.prune_history('s', '280 minutes')").fetchone() == (2100,)
+    assert conn.execute("SELECT count(*) FROM conflictdb.run").fetchone() == (281,)
+    reading = [plan for plan in plans if "conflict_event" in plan["query"] and "prune_history(" not in plan["query"]]
+    assert len(reading) >= 2
+    assert [plan for plan in reading if max(plan["waste"], plan["read"]) > 3000] == []
 
 
 def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: Conn) -> None:
