@@ -1,10 +1,10 @@
-"""The rules of several activations: spans of areas, departures of tracks, and schedules."""
+"""Convert several activations: spans of areas, departures of tracks, and schedules."""
 
-import itertools
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
@@ -18,8 +18,8 @@ MOST_ACTIVATIONS: Final = 105_120
 Spans = tuple[tuple[int | None, int | None], ...]
 
 
-def spans_of(who: str, given: Any) -> Spans:
-    """Return spans sorted, and joined where they touch or overlap; raises InvalidInput.
+def spans_us(who: str, given: Any) -> NDArray[np.int64]:
+    """Return spans (n, 2), microseconds, MINUS_INFINITY_US and INFINITY_US where unbounded; raises InvalidInput.
 
     given : pairs of start and end, instants; None is unbounded
     """
@@ -31,35 +31,30 @@ def spans_of(who: str, given: Any) -> Spans:
             start, end = inputs.span_us(who, *pair)
         except InvalidInput as error:
             raise InvalidInput(who, f"spans[{i}].{error.field}", error.rule) from None
-        low, high = MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end
-        if low >= high:
-            raise InvalidInput(who, f"spans[{i}]", "must end after it starts")
-        found.append((low, high))
-    joined: list[tuple[int, int]] = []
-    for low, high in sorted(found):
-        if joined and low <= joined[-1][1]:
-            joined[-1] = joined[-1][0], max(joined[-1][1], high)
+        found.append((MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end))
+    try:
+        return np.array(found, np.int64).reshape(-1, 2)
+    except OverflowError:
+        raise InvalidInput(who, "spans", "must lie in the years 1 to 9999") from None
+
+
+def joined(spans_us: NDArray[np.int64]) -> Spans:
+    """Return spans (n, 2) sorted, and joined where they touch or overlap; None is unbounded."""
+    found: list[tuple[int, int]] = []
+    for low, high in sorted(map(tuple, spans_us.tolist())):
+        if found and low <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], high)
         else:
-            joined.append((low, high))
+            found.append((low, high))
     return tuple(
-        (None if low == MINUS_INFINITY_US else low, None if high == INFINITY_US else high) for low, high in joined
+        (None if low == MINUS_INFINITY_US else low, None if high == INFINITY_US else high) for low, high in found
     )
 
 
-def departures_of(who: str, given: Any, lasts_us: int) -> tuple[int, ...]:
-    """Return departures, microseconds, increasing; raises InvalidInput if a voyage begins before the last one ends.
-
-    lasts_us : how long a voyage takes
-    """
+def departures_us(who: str, given: Any) -> NDArray[np.int64]:
+    """Return departures (n,), microseconds; raises InvalidInput."""
     listed = _listed(who, "departures", given, "an instant")
-    found = inputs.instants_us(who, "departures", listed).tolist() if listed else []
-    for i, (first, second) in enumerate(itertools.pairwise(found), 1):
-        if second <= first:
-            raise InvalidInput(who, f"departures[{i}]", "must be later than the one before")
-        if second < first + lasts_us:
-            took = f"a voyage takes {lasts_us / 1e6:g} s, and one object is in one place: use two tracks"
-            raise InvalidInput(who, f"departures[{i}]", f"is before the voyage before it has ended ({took})")
-    return tuple(found)
+    return inputs.instants_us(who, "departures", listed) if listed else np.empty(0, np.int64)
 
 
 def check_schedule(who: str, source: Any) -> None:

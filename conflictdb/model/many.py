@@ -1,9 +1,10 @@
 """Make many areas and tracks at once from arrays, by the rules of `Area` and `Track`.
 
-Rules on whole arrays (`plan_rules`) take a tenth of the time of rules object by object. They leave out refused objects,
-as None: for the errors, the caller makes them one by one.
+Rules on whole arrays take a tenth of the time of rules object by object. They leave out refused objects, as None: for
+the errors, the caller makes them one by one.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, Final, TypeVar
@@ -11,11 +12,12 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.errors import Refusals
+from conflictdb.errors import InvalidInput
 from conflictdb.model import plan_rules
+from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, Few
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns
 from conflictdb.model.plan_rows import Many
-from conflictdb.model.plans import AREA_RARE, TRACK_RARE, Area, Track
+from conflictdb.model.plans import Area, Track
 
 _Made = TypeVar("_Made", Area, Track)
 # A shape that the arrays have, and properties of a plan that gives none.
@@ -51,10 +53,8 @@ def areas(
     made: list[Area | None] = [None] * n
     for i, shape in zip(np.flatnonzero(is_sound).tolist(), footprints[is_sound].tolist(), strict=True):
         own = members[i]
-        one = _made(kind, {**_AREA, "properties": {}, **own, "key": keys[i], "footprint": shape})
-        if not (AREA_RARE.isdisjoint(own) or _is_sound(one)):
-            continue
-        made[i] = one
+        made[i] = _made(kind, {**_AREA, "properties": {}, **own, "key": keys[i], "footprint": shape})
+    _leave_out(made, members, AREA_FEW)
     return made
 
 
@@ -82,7 +82,7 @@ def tracks(
     made: list[Track | None] = [None] * len(keys)
     for i in np.flatnonzero(is_sound).tolist():
         own, here = members[i], slice(ways[i], ways[i + 1])
-        one = _made(
+        made[i] = _made(
             kind,
             {
                 **_TRACK,
@@ -94,9 +94,7 @@ def tracks(
                 "outline_m": outline_m[rings[i] : rings[i + 1]],
             },
         )
-        if not (TRACK_RARE.isdisjoint(own) or _is_sound(one)):
-            continue
-        made[i] = one
+    _leave_out(made, members, TRACK_FEW)
     return made
 
 
@@ -109,11 +107,28 @@ def _made(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
     return one
 
 
-def _is_sound(one: Area | Track) -> bool:
-    """Check what few plans have; return whether no rule is broken."""
-    refusals = Refusals()
-    one.check_rare(refusals)
-    return not refusals.found
+def _leave_out(made: list[_Made | None], members: Sequence[Mapping[str, Any]], columns: Sequence[Few]) -> None:
+    """Check the columns that few plans have; plans that break a rule become None."""
+    fields = {name for few in columns for name in few.fields}
+    some = [i for i, own in enumerate(members) if not fields.isdisjoint(own)]
+    for few in columns:
+        kept: dict[int, Any] = {}
+        for i in some:
+            one = made[i]
+            if one is not None and few.is_of(one):
+                try:
+                    few.keep("", one)
+                    kept[i] = one
+                except InvalidInput:
+                    made[i] = None
+        if few.rules is not None and kept:
+            is_sound = np.atleast_1d(few.rules(list(kept.values())).is_sound)
+            for i in itertools.compress(list(kept), ~is_sound):
+                made[i] = None
+                del kept[i]
+        if few.derive is not None:
+            for one in kept.values():
+                few.derive(one)
 
 
 def _have_sound_columns(columns: Sequence[PlanColumn], members: Sequence[Mapping[str, Any]]) -> NDArray[np.bool_]:

@@ -6,11 +6,12 @@ outline i has rows [offset[i], offset[i + 1]).
 
 import math
 import sys
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from conflictdb.model.plan_rows import Many
 
 Floats = NDArray[np.float64]
 Offsets = NDArray[np.int64]
@@ -63,31 +64,37 @@ def mitred(outline_m: Floats, offset: Offsets) -> tuple[Floats, Floats, Offsets]
     return xy[index], rate, out
 
 
-def stays_convex(start: Sequence[Sequence[float]], end: Sequence[Sequence[float]]) -> bool:
-    """Return whether a convex ring stays convex while each vertex moves straight from one outline to the other.
+def lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.bool_]:
+    """Return (n,) which convex rings lose convexity while each vertex moves straight from one outline to the other.
 
     The turn at a corner, the cross product of its two edges, is quadratic in time: with a and b the edges at start and
     end its Bernstein coefficients are a1 x a2, (a1 x b2 + b1 x a2) / 2 and b1 x b2.
+
+    start_m, end_m : (v, 2) of all rings; infinite ones lose it
     """
-    edges = [
-        (a2[0] - a1[0], a2[1] - a1[1], b2[0] - b1[0], b2[1] - b1[1])
-        for a1, a2, b1, b2 in zip(start, [*start[1:], start[0]], end, [*end[1:], end[0]], strict=True)
-    ]
-    edges = [edge for edge in edges if any(edge)]
-    corners = list(zip(edges, edges[1:] + edges[:1], strict=True)) if len(edges) > 2 else []
-    turns = [
-        (ax * ay2 - ay * ax2, ax * by2 - ay * bx2 + bx * ay2 - by * ax2, bx * by2 - by * bx2)
-        for (ax, ay, bx, by), (ax2, ay2, bx2, by2) in corners
-    ]
+    with np.errstate(invalid="ignore", over="ignore"):
+        return _lose_convexity(start_m, end_m, ring)
+
+
+def _lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.bool_]:
+    edge = np.concatenate([ring.following(start_m) - start_m, ring.following(end_m) - end_m], axis=1)
+    moves = (edge != 0.0).any(axis=1)
+    corners = Many.of(ring.total(moves))
+    edge = edge[moves]
+    (ax, ay, bx, by), (ax2, ay2, bx2, by2) = edge.T, corners.following(edge).T
+    first, last = ax * ay2 - ay * ax2, bx * by2 - by * bx2
+    middle = ax * by2 - ay * bx2 + bx * ay2 - by * ax2
     # Orientation: the sign of the total turn, at both ends and half-way.
-    way = math.copysign(1.0, sum(5.0 * first + middle + 5.0 * last for first, middle, last in turns))
-    slack = 32.0 * sys.float_info.epsilon * max(abs(x) for vertex in (*start, *end) for x in vertex) ** 2
-    return all(
-        way * first >= -slack
-        and way * last >= -slack
-        and way * middle >= -2.0 * math.sqrt(max(way * first, 0.0) * max(way * last, 0.0)) - slack
-        for first, middle, last in turns
+    total = np.bincount(
+        corners.spread(np.arange(len(corners.count))), 5.0 * first + middle + 5.0 * last, len(corners.count)
     )
+    way = corners.spread(np.copysign(1.0, total))
+    size = ring.most(np.abs(np.concatenate([start_m, end_m], axis=1)))
+    slack = corners.spread(32.0 * sys.float_info.epsilon * size**2)
+    first, middle, last = way * first, way * middle, way * last
+    reach = 2.0 * np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
+    stays = (first >= -slack) & (last >= -slack) & (middle >= -reach - slack)
+    return np.asarray(corners.any(~stays) & (corners.count > 2))
 
 
 def _without_repeats(outline_m: Floats, offset: Offsets) -> tuple[Floats, Offsets]:

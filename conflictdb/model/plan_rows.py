@@ -62,10 +62,12 @@ class Many:
             rows[np.searchsorted(self.offset, places, side="right") - 1] = True
         return rows
 
-    def each_next(self, compare: np.ufunc, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return (w,) comparisons of the next value of the same plan with each; false for the last."""
+    def each_next(
+        self, compare: np.ufunc, values: NDArray[Any], earlier: NDArray[Any] | None = None
+    ) -> NDArray[np.bool_]:
+        """Return (w,) comparisons of the next value of the plan with each, or with `earlier`; false for the last."""
         found = np.zeros(len(values), np.bool_)
-        compare(values[1:], values[:-1], out=found[:-1])
+        compare(values[1:], (values if earlier is None else earlier)[:-1], out=found[:-1])
         # The first of a plan follows another plan.
         found[self.offset[1:][self.count > 0] - 1] = False
         return found
@@ -81,17 +83,30 @@ class Many:
         """Return the next value of the same plan for each; the first for the last."""
         return values[self._next]
 
-    def least(self, values: NDArray[Any]) -> Numbers:
-        """Return the least value of each plan; all plans have places."""
-        return np.minimum.reduceat(values if values.ndim == 1 else values.min(axis=1), self.offset[:-1])
+    def least(self, values: NDArray[Any], empty: float = 0) -> Numbers:
+        """Return the least value of each plan; `empty` for one without places."""
+        return self._reduced(np.minimum, values if values.ndim == 1 else values.min(axis=1), empty)
 
-    def most(self, values: NDArray[Any]) -> Numbers:
-        """Return the largest value of each plan; all plans have places."""
-        return np.maximum.reduceat(values if values.ndim == 1 else values.max(axis=1), self.offset[:-1])
+    def most(self, values: NDArray[Any], empty: float = 0) -> Numbers:
+        """Return the largest value of each plan; `empty` for one without places."""
+        return self._reduced(np.maximum, values if values.ndim == 1 else values.max(axis=1), empty)
 
     def total(self, flags: NDArray[np.bool_]) -> Numbers:
-        """Return how many places of each plan have the flag; all plans have places."""
-        return np.add.reduceat(flags.astype(np.int64), self.offset[:-1])
+        """Return how many places of each plan have the flag."""
+        return self._reduced(np.add, flags.astype(np.int64), 0)
+
+    def _reduced(self, by: np.ufunc, values: NDArray[Any], empty: float) -> Numbers:
+        is_some = self.count > 0
+        if np.count_nonzero(is_some) == len(is_some):
+            return by.reduceat(values, self.offset[:-1]) if len(is_some) else values
+        found = np.full(len(is_some), empty, values.dtype)
+        if len(values):
+            found[is_some] = by.reduceat(values, self.offset[:-1][is_some])
+        return found
+
+    def spread(self, numbers: Numbers) -> NDArray[Any]:
+        """Return the number of its plan for each place."""
+        return np.repeat(numbers, self.count)
 
     def where(self, rows: Flags, rule: "Callable[[NDArray[Any], Rows], Flags]", values: NDArray[Any]) -> Flags:
         """Return whether plans break a rule of places: of some plans; the others do not."""
@@ -128,25 +143,31 @@ class One:
         """Return whether any place has the flag."""
         return np.count_nonzero(flags) > 0
 
-    def each_next(self, compare: np.ufunc, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return comparisons of the next value with each but the last."""
-        return np.asarray(compare(values[1:], values[:-1]))
+    def each_next(
+        self, compare: np.ufunc, values: NDArray[Any], earlier: NDArray[Any] | None = None
+    ) -> NDArray[np.bool_]:
+        """Return comparisons of the next value with each but the last, or with `earlier`."""
+        return np.asarray(compare(values[1:], (values if earlier is None else earlier)[:-1]))
 
     def following(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the next value for each; the first for the last."""
         return np.concatenate((values[1:], values[:1]))
 
-    def least(self, values: NDArray[Any]) -> Numbers:
-        """Return the least value."""
-        return np.minimum.reduce(values, axis=None)
+    def least(self, values: NDArray[Any], empty: float = 0) -> Numbers:
+        """Return the least value; `empty` without places."""
+        return np.minimum.reduce(values, axis=None) if self.count else empty
 
-    def most(self, values: NDArray[Any]) -> Numbers:
-        """Return the largest value."""
-        return np.maximum.reduce(values, axis=None)
+    def most(self, values: NDArray[Any], empty: float = 0) -> Numbers:
+        """Return the largest value; `empty` without places."""
+        return np.maximum.reduce(values, axis=None) if self.count else empty
 
     def total(self, flags: NDArray[np.bool_]) -> Numbers:
         """Return how many places have the flag."""
         return np.count_nonzero(flags)
+
+    def spread(self, numbers: Numbers) -> Numbers:
+        """Return the number, which is that of each place."""
+        return numbers
 
     def where(self, rows: Flags, rule: "Callable[[NDArray[Any], Rows], Flags]", values: NDArray[Any]) -> Flags:
         """Return whether the plan breaks a rule of places, if it is one of those."""
@@ -171,6 +192,10 @@ class BrokenMany:
             for row in np.flatnonzero(broken).tolist():
                 self._said[row] = say(row)
 
+    def said(self, row: int) -> tuple[str, str]:
+        """Return the field and the sentence of the rule that a plan breaks."""
+        return self._said[row]
+
     def raise_for(self, row: int, who: str) -> None:
         """Raise the InvalidInput for a plan that breaks a rule."""
         if row in self._said:
@@ -191,7 +216,12 @@ class BrokenOne:
         if is_broken and self.is_sound:
             self.is_sound, self._said = False, say(0)
 
-    def raise_for(self, row: int, who: str) -> None:
+    def said(self, _: int) -> tuple[str, str]:
+        """Return the field and the sentence of the rule that the plan breaks."""
+        assert self._said is not None  # noqa: S101
+        return self._said
+
+    def raise_for(self, _: int, who: str) -> None:
         """Raise the InvalidInput if the plan breaks a rule."""
         if self._said is not None:
             raise InvalidInput(who, *self._said)

@@ -40,7 +40,7 @@ _MOST_DEG: Final = np.array([MAX_LONGITUDE_DEG, MAX_LATITUDE_DEG])
 _MULTIPOLYGON: Final = int(shapely.GeometryType.MULTIPOLYGON)
 # Of a height.
 FINITE: Final = "must be a finite number of metres, or absent"
-_IN_CALENDAR: Final = "must lie in the years 1 to 9999"
+IN_CALENDAR: Final = "must lie in the years 1 to 9999"
 
 
 def footprints(given: Any) -> Broken:
@@ -70,6 +70,11 @@ def footprints(given: Any) -> Broken:
     return broken
 
 
+def out_of_calendar(at_us: Any) -> Any:
+    """Return whether instants, or one, are outside the years 1 to 9999."""
+    return (at_us < MIN_INSTANT_US) | (at_us > MAX_INSTANT_US)
+
+
 def spans(start_us: Numbers, end_us: Numbers, has_start: Flags, has_end: Flags, rows: Rows) -> Broken:
     """Return which spans break a rule.
 
@@ -77,8 +82,8 @@ def spans(start_us: Numbers, end_us: Numbers, has_start: Flags, has_end: Flags, 
     """
     broken = rows.broken()
     for name, at, there in (("start", start_us, has_start), ("end", end_us, has_end)):
-        outside = there & ((at < MIN_INSTANT_US) | (at > MAX_INSTANT_US))
-        broken.add(outside, lambda _, name=name: (name, _IN_CALENDAR))  # type: ignore[misc]
+        outside = there & out_of_calendar(at)
+        broken.add(outside, lambda _, name=name: (name, IN_CALENDAR))  # type: ignore[misc]
     broken.add(has_start & has_end & (end_us <= start_us), lambda _: ("end", "must be later than start"))
     return broken
 
@@ -117,7 +122,7 @@ def courses(positions_deg: Floats, way: Rows, times_us: NDArray[np.int64], clock
         return "times", f"must be one per waypoint: {item(points, i)} waypoints, {item(times, i)} times"
 
     broken.add(points != times, unequal)
-    broken.add(clock.any((times_us < MIN_INSTANT_US) | (times_us > MAX_INSTANT_US)), lambda _: ("times", _IN_CALENDAR))
+    broken.add(clock.any(out_of_calendar(times_us)), lambda _: ("times", IN_CALENDAR))
     is_late = clock.each_next(np.less_equal, times_us)
 
     def late(i: int) -> tuple[str, str]:

@@ -7,6 +7,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
+from operator import attrgetter, is_
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 import numpy as np
@@ -17,10 +18,10 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs, plan_rules
 from conflictdb.model.activations import INFINITY_US as INFINITY_US
 from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
-from conflictdb.model.activations import check_schedule, departures_of, spans_of
-from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
+from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, Few
+from conflictdb.model.few_rules import MAX_GROWTH_MPS as MAX_GROWTH_MPS
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
-from conflictdb.model.plan_rows import Broken, One
+from conflictdb.model.plan_rows import One
 from conflictdb.model.plan_rules import MAX_HAVEN_CORNERS as MAX_HAVEN_CORNERS
 from conflictdb.model.plan_rules import MAX_HAVEN_M as MAX_HAVEN_M
 from conflictdb.model.plan_rules import MAX_INSTANT_US as MAX_INSTANT_US
@@ -36,7 +37,6 @@ from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.settings import VerticalDatum as VerticalDatum
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
-from conflictdb.model.tolerances import as_members, tolerances_of
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 
@@ -45,19 +45,14 @@ MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, an
 
 MAX_DISTANCE_M: Final = MOST_M
 
-# No position is that uncertain; faster growth is a mistake in units.
-MAX_GROWTH_MPS: Final = 1e6
-
 LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
-# Fields that few plans have, whose rules are checked object by object.
-AREA_RARE: Final = frozenset({"spans_us", "schedule"})
-TRACK_RARE: Final = frozenset(
-    {"grow_mps", "outlines_m", "floors_m", "ceilings_m", "tolerances", "departures_us", "schedule", "legs"}
-)
 _AREA_COLUMNS: Final = checked_columns(AREA)
 _TRACK_COLUMNS: Final = checked_columns(TRACK)
 _ONE: Final = One(1)
+_AREA_FEW_FIELDS, _TRACK_FEW_FIELDS = (
+    attrgetter(*(name for few in columns for name in few.fields)) for columns in (AREA_FEW, TRACK_FEW)
+)
 _Class = TypeVar("_Class")
 
 
@@ -135,7 +130,8 @@ class Area:
                 start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
                 _keep(self, start_us=start_us, end_us=end_us)
                 plan_rules.spans(*_bounds(start_us, end_us), _ONE).raise_for(0, who)
-        self.check_rare(refusals)
+        if not all(map(is_, _AREA_FEW_FIELDS(self), _AREA_ABSENT)):
+            _check_few(who, self, AREA_FEW, refusals)
         _keep_heights(who, self, refusals)
         with refusals:
             _check_properties(who, self.properties)
@@ -144,31 +140,6 @@ class Area:
         with refusals:
             _check_heights(who, self)
         refusals.raise_found()
-
-    def check_rare(self, refusals: Refusals) -> None:
-        """Check what few areas have, and keep it in its own types."""
-        who = _named("area", self.key)
-        if self.spans_us is not None:
-            with refusals:
-                self._keep_spans(who)
-        if self.schedule is not None and not self.is_stored:
-            with refusals:
-                check_schedule(who, self.schedule)
-
-    def _keep_spans(self, who: str) -> None:
-        """Keep spans, and take start and end of the area from them."""
-        spans = spans_of(who, self.spans_us)
-        start_us, end_us = (spans[0][0], spans[-1][1]) if spans else (None, None)
-        for name, own, of_all in (("start", self.start_us, start_us), ("end", self.end_us, end_us)):
-            if own not in (None, of_all) and spans and self.schedule is None:
-                raise InvalidInput(who, name, "must not be given together with spans")
-        for i, span in enumerate(spans):
-            for at in span:
-                if at is not None and not MIN_INSTANT_US <= at <= MAX_INSTANT_US:
-                    raise InvalidInput(who, f"spans[{i}]", "must lie in the years 1 to 9999")
-        _keep(self, spans_us=spans)
-        if spans and self.schedule is None:
-            _keep(self, start_us=start_us, end_us=end_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,109 +232,31 @@ class Track:
             _keep(self, times_us=inputs.instants_us(who, "times", self.times_us))
         with refusals:
             _keep(self, outline_m=inputs.outline_m(who, "outline_m", self.outline_m))
-        if self.outlines_m is not None:
-            with refusals:
-                _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
         _keep_heights(who, self, refusals)
         with refusals:
             _check_properties(who, self.properties)
         _check_columns(who, self, _TRACK_COLUMNS, refusals)
-        for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
-            if given is not None:
-                with refusals:
-                    _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
         refusals.raise_found()
         way, clock = One(len(self.positions_deg)), One(len(self.times_us))
         course = plan_rules.courses(self.positions_deg, way, self.times_us, clock)
         if min(way.count, clock.count) < 2:
             course.raise_for(0, who)  # there are no legs to check other fields by
         outline = plan_rules.outlines(self.outline_m, One(len(self.outline_m)), lambda _: "outline_m")
-        self.check_rare(refusals, course, outline, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn))
-        refusals.raise_found()
-
-    def check_rare(
-        self,
-        refusals: Refusals,
-        course: Broken | None = None,
-        outline: Broken | None = None,
-        max_speed_kn: float = np.inf,
-    ) -> None:
-        """Check what few tracks have, and keep it in its own types, and rules of its course and haven that it breaks.
-
-        course, outline : of this track alone; None: it breaks no rule, nor do its heights
-        """
-        who = _named("track", self.key)
-        with refusals:
-            if course is not None:
-                course.raise_for(0, who)
-            check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
-            if self.departures_us is not None:
-                self._keep_departures(who)
-        if self.schedule is not None and not self.is_stored:
+        for rules in (course, outline):
+            if not rules.is_sound:
+                with refusals:
+                    rules.raise_for(0, who)
+        if course.is_sound:
             with refusals:
-                check_schedule(who, self.schedule)
-        legs: Any = self.legs
-        if not isinstance(legs, Motion | None):
+                limit_kn = inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn)
+                check_speed(who, self.positions_deg, self.times_us, limit_kn)
+        if not all(map(is_, _TRACK_FEW_FIELDS(self), _TRACK_ABSENT)):
+            sound = {"": True, "path": course.is_sound, "outline": outline.is_sound}
+            _check_few(who, self, tuple(few for few in TRACK_FEW if sound[few.needs]), refusals)
+        if self.floors_m is None and self.ceilings_m is None:
             with refusals:
-                raise InvalidInput(who, "legs", f"must be a Motion, or absent; got {legs!r:.60}")
-        with refusals:
-            if outline is not None:
-                outline.raise_for(0, who)
-            if self.grow_mps != 0.0:
-                _check_growth(who, self)
-            if self.outlines_m is not None:
-                _check_outlines(who, self)
-        with refusals:
-            if self.floors_m is not None or self.ceilings_m is not None:
-                self._check_leg_heights(who)
-            elif course is not None:
                 _check_heights(who, self)
-        if self.tolerances is not None:
-            with refusals:
-                tolerances_of(who, self.tolerances, self.times_us)
-                _keep(self, tolerances=as_members(self.tolerances))
-                if self.departures_us is not None or self.schedule is not None:
-                    rule = "must not be given for a voyage that is repeated: give each voyage as a track"
-                    raise InvalidInput(who, "tolerances", rule)
-                if self.outlines_m is not None or self.grow_mps != 0.0:
-                    rule = "must not be given for a haven that changes: give the outline of the ship"
-                    raise InvalidInput(who, "tolerances", rule)
-
-    def _keep_departures(self, who: str) -> None:
-        lasts_us = int(self.times_us[-1] - self.times_us[0])
-        departures = departures_of(who, self.departures_us, lasts_us)
-        if departures and not MIN_INSTANT_US <= departures[0] <= departures[-1] + lasts_us <= MAX_INSTANT_US:
-            raise InvalidInput(who, "departures", "must have voyages in the years 1 to 9999")
-        _keep(self, departures_us=departures)
-
-    def _check_leg_heights(self, who: str) -> None:
-        """Check the heights of legs, and take the band of the whole track from them."""
-        for name, extreme in (("floor_m", np.min), ("ceiling_m", np.max)):
-            heights, given = getattr(self, name.replace("_m", "s_m")), getattr(self, name)
-            if heights is None:
-                continue
-            waypoints = len(self.positions_deg)
-            if heights.ndim != 1 or len(heights) not in (waypoints - 1, waypoints):
-                rule = f"must be one number, one per leg ({waypoints - 1}) or one per waypoint ({waypoints})"
-                raise InvalidInput(who, name, f"{rule}; got {heights.size} heights")
-            is_unbounded = heights == (-np.inf if extreme is np.min else np.inf)
-            lost = np.flatnonzero(~(np.isfinite(heights) | is_unbounded))
-            if lost.size:
-                raise InvalidInput(who, f"{name}[{lost[0]}]", plan_rules.FINITE)
-            whole = float(extreme(heights))
-            of_all = whole if np.isfinite(whole) else None
-            if given not in (None, of_all):
-                raise InvalidInput(who, name, f"must be that of all legs ({of_all}), or be left out; got {given}")
-            object.__setattr__(self, name, of_all)
-        floors_m, ceilings_m = self.heights_m()
-        low = np.argwhere(ceilings_m <= floors_m)
-        if low.size:
-            i, end = low[0].tolist()
-            ceilings = self.ceilings_m
-            per_waypoint = ceilings is not None and len(ceilings) > len(ceilings_m)
-            name = "ceiling_m" if ceilings is None else f"ceiling_m[{i + end * per_waypoint}]"
-            rule = f"must be above the floor of leg {i} ({floors_m[i, end]:g}); got {ceilings_m[i, end]:g}"
-            raise InvalidInput(who, name, rule)
+        refusals.raise_found()
 
     def heights_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the floor and the ceiling at both ends of each leg, (n - 1, 2) metres, infinite where unbounded."""
@@ -374,6 +267,13 @@ class Track:
             np.full((legs, 2), floor_m) if self.floors_m is None else heights_of_legs(self.floors_m, legs),
             np.full((legs, 2), ceiling_m) if self.ceilings_m is None else heights_of_legs(self.ceilings_m, legs),
         )
+
+
+# Of plans that give none of these columns.
+_AREA_ABSENT, _TRACK_ABSENT = (
+    [{one.name: one.default for one in fields(kind)}[name] for few in columns for name in few.fields]
+    for kind, columns in ((Area, AREA_FEW), (Track, TRACK_FEW))
+)
 
 
 class StoredArea(Area):
@@ -516,42 +416,9 @@ def _check_heights(who: str, plan: "Area | Track") -> None:
         plan_rules.heights(*_bounds(plan.floor_m, plan.ceiling_m), _ONE).raise_for(0, who)
 
 
-def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
-    plan_rules.outlines(outline, One(len(outline)), lambda _: where).raise_for(0, who)
-
-
-def _check_size(who: str, where: str, points: int, what: str) -> None:
-    plan_rules.sizes(points, _ONE, where, what).raise_for(0, who)
-
-
-def _check_growth(who: str, track: Track) -> None:
-    speed = track.grow_mps
-    if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0.0 <= speed <= MAX_GROWTH_MPS:
-        rule = f"must be a number of metres per second from 0 to 1e6; got {speed!r}"  # MAX_GROWTH_MPS, as in SQL
-        raise InvalidInput(who, "grow_mps", f"{rule} (a haven that shrinks takes outlines_m)")
-    if track.outlines_m is not None:
-        raise InvalidInput(who, "grow_mps", "must not be given together with outlines_m")
-    _, rate, _ = mitred(track.outline_m, np.array([0, len(track.outline_m)]))
-    if not (np.hypot(rate[:, 0], rate[:, 1]) <= FASTEST_TIP).all():
-        rule = f"has a corner sharper than {SHARPEST_CORNER_DEG:g} degree, which would grow into a spike"
-        raise InvalidInput(who, "outline_m", f"{rule}: blunt it, or give outlines_m instead of grow_mps")
-
-
-def _check_outlines(who: str, track: Track) -> None:
-    outlines, waypoints = track.outlines_m, len(track.positions_deg)
-    assert outlines is not None  # noqa: S101
-    if outlines.ndim != 3 or outlines.shape[2] != 2:
-        raise InvalidInput(who, "outlines_m", "must be rings of [starboard, forward] metres with equal vertex counts")
-    if len(outlines) != waypoints:
-        rule = f"must be one per waypoint: {waypoints} waypoints, {len(outlines)} outlines"
-        raise InvalidInput(who, "outlines_m", rule)
-    _check_size(who, "outlines_m", len(outlines) * outlines.shape[1], "vertices")
-    for k, outline in enumerate(outlines):
-        _check_outline(who, f"outlines_m[{k}]", outline)
-    if not np.array_equal(outlines[0], track.outline_m):
-        raise InvalidInput(who, "outline_m", "must be the first of outlines_m")
-    rings = outlines.tolist()
-    for k in range(1, waypoints):
-        if not stays_convex(rings[k - 1], rings[k]):
-            rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
-            raise InvalidInput(who, f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint")
+def _check_few(who: str, plan: "Area | Track", columns: tuple[Few, ...], refusals: Refusals) -> None:
+    """Check columns that few plans have; errors are added."""
+    for few in columns:
+        if few.is_of(plan):
+            with refusals:
+                few.check(who, plan)

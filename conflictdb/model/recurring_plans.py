@@ -13,8 +13,10 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
+from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.model.few_rules import departures
 from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plan_rows import One
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
 from conflictdb.model.tolerances import windows_later
 
@@ -148,7 +150,7 @@ def track_departures(
     low = max(window[0] - lasts_us, MIN_INSTANT_US)
     found = schedule_of(who, schedule).departures(low, min(window[1], MAX_INSTANT_US - lasts_us), first_deg[None])
     try:
-        departures_of(who, found.view("datetime64[us]"), lasts_us)
+        departures(found, One(len(found)), lasts_us).raise_for(0, who)
     except InvalidInput as error:
         raise InvalidInput(who, "schedule", error.rule.replace("is before", "has a departure before")) from None
     return found

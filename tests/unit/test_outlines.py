@@ -16,7 +16,8 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.core.pieces.cutting import _legs, track_pieces
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.model.outlines import mitred, stays_convex
+from conflictdb.model.outlines import lose_convexity, mitred
+from conflictdb.model.plan_rows import Many
 from conflictdb.model.plans import Scene, Track, rectangle_outline_m
 
 
@@ -97,6 +98,14 @@ def test_nothing_that_changes_shares_its_memory() -> None:
 
 
 SQUARE = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
+
+
+def stays_convex(start: list[list[float]], end: list[list[float]]) -> bool:
+    """Return whether a ring stays convex; the answer is the same between two others."""
+    rings, count = [SQUARE, start, SQUARE], np.array([4, len(start), 4])
+    lost = lose_convexity(np.concatenate(rings), np.concatenate([SQUARE, end, SQUARE[::-1]]), Many.of(count))
+    assert lost[[0, 2]].tolist() == [False, True]
+    return not lost[1]
 
 
 @pytest.mark.parametrize(
