@@ -34,9 +34,28 @@ $$;
 COMMENT ON FUNCTION _wake_workers() IS
 'Wakes the workers at commit, unless a concurrent transaction already does.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._were_objects(p_kind smallint, p_ids bigint[], p_versions bigint[])
+RETURNS boolean
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_hashjoin = off SET enable_mergejoin = off SET enable_seqscan = off
+SET jit = off AS $$
+BEGIN
+    RETURN EXISTS (SELECT FROM unnest(p_ids, p_versions) n (id, version)
+                   JOIN piece p ON p.object_kind = p_kind AND p.object_id = n.id AND p.version >= n.version)
+        OR EXISTS (SELECT FROM unnest(p_ids, p_versions) n (id, version)
+                   JOIN conflict c ON c.a_kind = p_kind AND c.a_id = n.id AND c.a_version >= n.version)
+        OR EXISTS (SELECT FROM unnest(p_ids, p_versions) n (id, version)
+                   JOIN conflict c ON c.b_kind = p_kind AND c.b_id = n.id AND c.b_version >= n.version);
+END
+$$;
+COMMENT ON FUNCTION _were_objects(smallint, bigint[], bigint[]) IS
+'Whether pieces or conflicts are of former objects with one of some ids, at its version or later. For few ids.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
+    -- Planning takes longer than looking up so many rows: the plan is cached.
+    c_few CONSTANT integer := 100;
     v_kind smallint := TG_ARGV[0];
     v_id text := TG_ARGV[1];
     v_renamed text;
@@ -66,23 +85,34 @@ BEGIN
     ELSE
         IF TG_OP = 'INSERT' THEN
             -- A restore may have set the sequences back: then a former object had the same id, and versions as high.
-            EXECUTE format('SELECT EXISTS (SELECT FROM new_rows n JOIN piece p ON p.object_kind = $1 '
-                           'AND p.object_id = n.%1$I AND p.version >= n.version) '
-                           'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.a_kind = $1 AND c.a_id = n.%1$I '
-                           'AND c.a_version >= n.version) '
-                           'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.b_kind = $1 AND c.b_id = n.%1$I '
-                           'AND c.b_version >= n.version)', v_id) INTO v_is_former USING v_kind;
+            SELECT count(*) INTO v_wanted FROM new_rows;
+            IF v_wanted <= c_few THEN
+                EXECUTE format('SELECT _were_objects($1, array_agg(n.%I), array_agg(n.version)) FROM new_rows n', v_id)
+                    INTO v_is_former USING v_kind;
+            ELSE
+                EXECUTE format('SELECT EXISTS (SELECT FROM new_rows n JOIN piece p ON p.object_kind = $1 '
+                               'AND p.object_id = n.%1$I AND p.version >= n.version) '
+                               'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.a_kind = $1 AND c.a_id = n.%1$I '
+                               'AND c.a_version >= n.version) '
+                               'OR EXISTS (SELECT FROM new_rows n JOIN conflict c ON c.b_kind = $1 AND c.b_id = n.%1$I '
+                               'AND c.b_version >= n.version)', v_id) INTO v_is_former USING v_kind;
+            END IF;
             IF v_is_former THEN
                 EXECUTE format('UPDATE %I o SET version = n.version, first_version = n.version '
                                'FROM (SELECT r.%2$I, _first_version($1, r.%2$I) AS version FROM new_rows r OFFSET 0) n '
                                'WHERE n.%2$I = o.%2$I', TG_TABLE_NAME, v_id) USING v_kind;
             END IF;
         END IF;
-        v_renamed := CASE TG_OP WHEN 'UPDATE' THEN format('JOIN old_rows o ON o.%1$I = n.%1$I AND o.key <> n.key', v_id)
-                                ELSE '' END;
-        EXECUTE format('SELECT count(*) FROM new_rows n %s', v_renamed) INTO v_wanted;
-        EXECUTE format('INSERT INTO object_key (scene_id, key, object_kind) SELECT n.scene_id, n.key, $1 '
-                       'FROM new_rows n %s ON CONFLICT DO NOTHING', v_renamed) USING v_kind;
+        v_renamed := '';
+        IF TG_OP = 'INSERT' THEN
+            INSERT INTO object_key (scene_id, key, object_kind) SELECT n.scene_id, n.key, v_kind FROM new_rows n
+                ON CONFLICT DO NOTHING;
+        ELSE
+            v_renamed := format('JOIN old_rows o ON o.%1$I = n.%1$I AND o.key <> n.key', v_id);
+            EXECUTE format('SELECT count(*) FROM new_rows n %s', v_renamed) INTO v_wanted;
+            EXECUTE format('INSERT INTO object_key (scene_id, key, object_kind) SELECT n.scene_id, n.key, $1 '
+                           'FROM new_rows n %s ON CONFLICT DO NOTHING', v_renamed) USING v_kind;
+        END IF;
         GET DIAGNOSTICS v_claimed = ROW_COUNT;
         IF v_claimed < v_wanted THEN
             EXECUTE 'SELECT n.key FROM new_rows n JOIN object_key k ON k.scene_id = n.scene_id AND k.key = n.key '

@@ -42,8 +42,8 @@ END;
 COMMENT ON FUNCTION _admission_marker() IS 'First key of the advisory locks that name who admits plans to a scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_admission(
-    p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer,
-    OUT max_waypoints integer, OUT max_days_ahead double precision
+    p_scene text, p_wait_s double precision, p_keys text[], p_owner text, OUT scene_id bigint, OUT settings jsonb,
+    OUT max_vertices integer, OUT max_waypoints integer, OUT max_days_ahead double precision, OUT replaced jsonb
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -66,11 +66,13 @@ BEGIN
     max_vertices := _limit('max_vertices');
     max_waypoints := _limit('max_waypoints');
     max_days_ahead := _limit('max_days_ahead');
+    replaced := coalesce((SELECT jsonb_agg(jsonb_build_array(r.kind, r.id, r.key, r.name, r.owner))
+                          FROM _replaced_objects(v_scene_id, p_keys, p_owner) r), '[]');
 END
 $$;
-COMMENT ON FUNCTION _begin_admission(text, double precision) IS
-'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id, settings and rules, and '
-'limits of plans. '
+COMMENT ON FUNCTION _begin_admission(text, double precision, text[], text) IS
+'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id, settings and rules, '
+'limits of plans, and the objects that have one of some keys or an owner, as of _replaced_objects. '
 'Waits at most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older '
 'snapshot than the last admission gets serialization_failure.';
 

@@ -406,13 +406,12 @@ DECLARE
     c_refused CONSTANT text := 'ZCR00';
     v_scene_id bigint;
     v_keys text[];
-    v_replaced text[];
+    v_replaced jsonb;
     v_features jsonb;
     v_owners jsonb;
     v_plans jsonb;
     v_are_known boolean := false;
 BEGIN
-    v_scene_id := (_begin_admission(p_scene, NULL)).scene_id;
     PERFORM _check_word('plans', 'owner', p_owner);
     IF _are_features(p_plans) THEN
         v_features := _owned_features(_plans_given(p_plans), p_owner);
@@ -430,8 +429,11 @@ BEGIN
             INTO v_plans, v_keys FROM jsonb_array_elements(p_plans) WITH ORDINALITY p (g, n);
         v_owners := v_plans;
     END IF;
-    PERFORM _check_replaced(v_scene_id, v_owners, p_owner, p_replace);
-    SELECT coalesce(array_agg(r.key), '{}') INTO v_replaced FROM _replaced_objects(v_scene_id, v_keys, p_owner) r;
+    -- Plans are read before the lock is taken: other admissions do not wait for that.
+    SELECT b.scene_id, b.replaced INTO v_scene_id, v_replaced FROM _begin_admission(p_scene, NULL, v_keys, p_owner) b;
+    IF v_replaced <> '[]' THEN
+        PERFORM _check_replaced(v_scene_id, v_owners, p_owner, p_replace);
+    END IF;
     admitted := false;
     -- Workers read plans with other members than the most usual ones.
     IF v_plans @> 'null' THEN
@@ -444,9 +446,9 @@ BEGIN
         -- Put first, so that rows are checked and compared as they are stored. An object that stays of its kind is
         -- updated in place.
         PERFORM _put_plans(p_scene, ARRAY(
-            SELECT r.key FROM _replaced_objects(v_scene_id, v_keys, p_owner) r
+            SELECT r ->> 2 FROM jsonb_array_elements(v_replaced) r
             WHERE NOT EXISTS (SELECT FROM jsonb_array_elements(v_plans) g
-                              WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))),
+                              WHERE g ->> 'key' = r ->> 2 AND (g ->> 'path' IS NOT NULL) = (r ->> 0 = '1'))),
                            v_plans, false);
         PERFORM _check_ends(v_scene_id, v_keys);
         SELECT bool_and(m.periods IS NOT NULL),
@@ -468,7 +470,7 @@ BEGIN
         NULL; -- What was put is undone.
     END;
     -- What the objects in their place had before takes stages 3 and 4, too.
-    IF NOT admitted AND (NOT v_are_known OR p_allow_known AND cardinality(v_replaced) > 0) THEN
+    IF NOT admitted AND (NOT v_are_known OR p_allow_known AND v_replaced <> '[]') THEN
         IF _worker_count() = 0 THEN
             FOUND := _raise('ZC015', 'plans', 'worker', 'must be connected: only one can decide about these plans',
                             'admission_has_worker', 'Start one: conflictdb worker');

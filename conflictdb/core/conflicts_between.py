@@ -27,6 +27,8 @@ def conflicts_between(setup: Setup, mine: Members, others: Members, *, among: bo
 
     Raises InvalidInput for more than MOST_REPLIES.
     """
+    if not len(others.pieces) and not among:
+        return []
     within_us = setup.scene.longest_time_us
     rows, met = rows_of(mine.pieces), Together(mine, _AT_ONCE)
     if among:
@@ -50,5 +52,7 @@ def bounded(parts: Iterable[Conflicts]) -> Conflicts:
 
 def conflicts_of(setup: Setup, met: Together) -> list[Conflict]:
     """Return the conflicts of pairs that were collected, by the stages and in the order of `solve`."""
+    if not met.has_pairs:
+        return []
     parts = [part for part, _ in run_scene(setup, met)]
     return to_results(setup.scene, met.named, Conflicts.concatenate(parts)) if parts else []

@@ -1,7 +1,7 @@
 """Objects and their pieces, as far as conflicts show them: given plans, and what is stored near them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.world import World, occupy
 from conflictdb.earth.registry import Setup
-from conflictdb.model.plans import Area, Track
+from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 
 Plan = Area | Track
@@ -50,6 +50,11 @@ class Members(NamedTuple):
     each: list[Member]
 
     @classmethod
+    def none(cls) -> Self:
+        """Return no objects."""
+        return cls(_no_pieces(), np.empty(0, np.int64), [])
+
+    @classmethod
     def of_plans(cls, world: World, plans: Sequence[Plan], *, warns: bool = False) -> Self:
         """Return plans; raises InvalidInput for those that do not fit the scene's plane; warns : as of `occupy`."""
         areas, tracks = by_kind(plans)
@@ -77,3 +82,9 @@ class Members(NamedTuple):
             each.append(known[Kind.TRACK.code, number]._replace(plan=partial(tracks.take, np.array([k]))))
         ids = zip(pieces.kind.tolist(), pieces.object_id.tolist(), strict=True)
         return cls(pieces, np.array([place[one] for one in ids], np.int64), each)
+
+
+@cache
+def _no_pieces() -> Pieces:
+    """Return no pieces, which have no plane."""
+    return pieces_of(Setup.of(Scene("none")), AreaBatch.of([]), TrackBatch.of([]))

@@ -237,6 +237,11 @@ class Together:
         self._by_number: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
         self.named: dict[tuple[int, int], tuple[str, str | None]] = {}
 
+    @property
+    def has_pairs(self) -> bool:
+        """Whether two pieces may meet."""
+        return any(len(rows) for rows in self._a)
+
     def add_among(self, rows: RowBoxes, within_us: int) -> None:
         """Add pairs of the first objects with each other; rows : their pieces."""
         if len(self._members) > 1:

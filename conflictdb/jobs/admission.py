@@ -1,18 +1,20 @@
 """Admit plans to a scene of the database: put them only if they conflict with nobody."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace as changed
-from typing import Any, Final
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
 
 import psycopg
 
 from conflictdb import store
 from conflictdb.core.conflicts_between import conflicts_between
 from conflictdb.core.members import Member, Members, by_kind
+from conflictdb.core.world import World, has_schedules
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.jobs.members_near import members, members_near, require_within, world_of
-from conflictdb.model.plans import Area, Track
+from conflictdb.model.plans import Area, Scene, Track, owned_by
+from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Admission, Conflict, Results, Verdict
 
 # From the mildest verdict to the worst.
@@ -30,28 +32,56 @@ def admit(
     lock_timeout_s: float | None,
 ) -> Admission:
     """Put plans unless they conflict with anybody; see `StoredScene.admit`."""
-    given = [one if owner is None else changed(one, owner=owner, **_unlimited(one)) for one in plans]
+    given = [one if owner is None else owned_by(one, owner) for one in plans]
     store.require_writable(conn)
-    with store.admission(conn, scene, lock_timeout_s) as (number, stored, limits):
+    early = _cut_early(conn, scene, given)
+    rows = store.plan_rows(*by_kind(given))
+    keys = [one.key for one in given]
+    with store.admission(conn, scene, lock_timeout_s, keys, owner) as (number, stored, limits, replaced):
         limits.check(given)
         require_within(conn, number, stored, given)
-        world, span = world_of(conn, number, stored, given)
-        mine = Members.of_plans(world, given)
-        replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
+        cut = early if early is not None and early.scene == stored else _cut(conn, number, stored, given)
+        world, mine = cut.world, cut.members
         _check_replaced(given, replaced, owner, replace)
-        others = members_near(conn, number, world, span, mine, replaced)
+        others = members_near(conn, number, world, cut.span, mine, replaced)
         found = _conflicts(world.setup, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:
-            former = members(conn, number, world, span, [one._replace(is_stale=True) for one in replaced])
+            former = members(conn, number, world, cut.span, [one._replace(is_stale=True) for one in replaced])
             known = _conflicts(world.setup, former, others, among=owner is None)
         new = [one for one in found if not _was_there(one, known)]
         is_admitted = not (new if allow_known else found)
         if is_admitted:
             put = {(Member.of(one).kind.code, one.key) for one in given}
             gone = [one.key for one in replaced if (one.kind, one.key) not in put]
-            store.put_plans(conn, scene, gone, *by_kind(given))
+            store.put_rows(conn, scene, gone, rows)
     return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
+
+
+class _Cut(NamedTuple):
+    """Plans cut under the settings of a scene; span : the time that they touch."""
+
+    scene: Scene
+    world: World
+    span: Window | None
+    members: Members
+
+
+def _cut(conn: psycopg.Connection[Any], number: int, scene: Scene, plans: Sequence[Area | Track]) -> _Cut:
+    world, span = world_of(conn, number, scene, plans)
+    return _Cut(scene, world, span, Members.of_plans(world, plans))
+
+
+def _cut_early(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> _Cut | None:
+    """Return plans cut under the settings of the connection's last admission, before the lock; None: not known.
+
+    Schedules are expanded under the lock. So are errors raised: the settings may have changed.
+    """
+    known = store.settings_of_last_admission(conn, scene)
+    if known is not None and not has_schedules(plans):
+        with suppress(InvalidInput):
+            return _cut(conn, *known, plans)
+    return None
 
 
 def _check_replaced(
@@ -72,11 +102,6 @@ def _check_replaced(
         else:
             continue
         raise InvalidInput(f"plan {one.key!r}", "key", rule)
-
-
-def _unlimited(plan: Area | Track) -> dict[str, Any]:
-    """Return what keeps a track from being checked for its speed again."""
-    return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
 
 
 def _conflicts(setup: Setup, mine: Members, others: Members, *, among: bool) -> list[Conflict]:

@@ -113,6 +113,8 @@ def members(
 
     An object whose schedule is not understood is covered.
     """
+    if not objects:
+        return Members.none()
     known = {(one.kind, one.id): Member(Kind.of_code(one.kind), one.key, one.name, None, one.owner) for one in objects}
     areas, tracks = store.read_objects(conn, scene_id, objects)
     stale = [one for one in objects if one.is_stale]

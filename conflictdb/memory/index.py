@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import shapely
@@ -420,28 +420,36 @@ def listed(who: str, plans: Any) -> list[Plan]:
     return given
 
 
+# Settings, the time over which schedules are expanded, and the contents of plans.
+_Question: TypeAlias = tuple[Scene, Window | None, list[tuple[Any, ...]]]
+
+
 class _LastCut(threading.local):
     """The plans that a thread asked about last, and their pieces: a server puts the plans that it has probed."""
 
     def __init__(self) -> None:
-        self._asked: tuple[Scene, Window | None, list[tuple[Any, ...]]] | None = None
+        self._asked: _Question | None = None
         self._members: Members | None = None
 
     def members(self, world: World, plans: Sequence[Plan]) -> Members:
         """Return plans cut into pieces, as `Members.of_plans` does."""
-        known = self.known(world, plans)
+        asked = self._question(world, plans)
+        known = self._if_last(asked, plans)
         if known is None:
             known = self._members = Members.of_plans(world, plans, warns=True)
-            self._asked = self._question(world, plans)
+            self._asked = asked
         return known
 
     def known(self, world: World, plans: Sequence[Plan]) -> Members | None:
         """Return plans cut into pieces if they are those of the last question, or None."""
-        if self._members is None or self._question(world, plans) != self._asked:
+        return None if self._members is None else self._if_last(self._question(world, plans), plans)
+
+    def _if_last(self, asked: _Question, plans: Sequence[Plan]) -> Members | None:
+        if self._members is None or asked != self._asked:
             return None
         return self._members._replace(each=[Member.of(one) for one in plans])
 
-    def _question(self, world: World, plans: Sequence[Plan]) -> tuple[Scene, Window | None, list[tuple[Any, ...]]]:
+    def _question(self, world: World, plans: Sequence[Plan]) -> _Question:
         window = world.window if has_schedules(plans) else None
         return world.setup.scene, window, [_content(one) for one in plans]
 

@@ -6,6 +6,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import InitVar, dataclass, field, fields
 from operator import attrgetter, is_
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
@@ -29,6 +30,7 @@ from conflictdb.model.plan_rules import MAX_LONGITUDE_DEG as MAX_LONGITUDE_DEG
 from conflictdb.model.plan_rules import MAX_POINTS as MAX_POINTS
 from conflictdb.model.plan_rules import MIN_INSTANT_US as MIN_INSTANT_US
 from conflictdb.model.plan_rules import POLE_RULE as POLE_RULE
+from conflictdb.model.rules import check_word
 from conflictdb.model.scene import MAX_LATITUDE_DEG as MAX_LATITUDE_DEG
 from conflictdb.model.scene import Scene as Scene
 from conflictdb.model.settings import MOST_M, datum_named
@@ -350,6 +352,14 @@ def _keep(one: Area | Track, **values: object) -> None:
     """Replace fields of an object that is being made."""
     for name, value in values.items():
         object.__setattr__(one, name, value)
+
+
+def owned_by(plan: Area | Track, owner: str) -> Area | Track:
+    """Return a plan with another owner, not checked again otherwise; raises InvalidInput for the owner."""
+    check_word(_named("area" if isinstance(plan, Area) else "track", plan.key), "owner", owner)
+    owned = copy(plan)
+    _keep(owned, owner=owner)
+    return owned
 
 
 def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         read_objects,
         replaced_objects,
         scheduled_keys_near,
+        settings_of_last_admission,
     )
     from conflictdb.store.attached import (
         READ_WITHIN_S,
@@ -160,7 +161,9 @@ if TYPE_CHECKING:
         Numbered,
         changing_heights,
         each_object,
+        plan_rows,
         put_plans,
+        put_rows,
         read_scene,
         replace_scene,
         replace_scene_by_parts,

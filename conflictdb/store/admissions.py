@@ -1,11 +1,12 @@
 """Read what plans may meet, detected or not, while no other admission of the scene runs (sql/86).
 
-begin_admission; replaced_objects; objects_near; some_areas, some_tracks; put_plans; commit.
+begin_admission; objects_near; some_areas, some_tracks; put_plans; commit.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import psycopg
 from psycopg.pq import TransactionStatus
@@ -36,11 +37,17 @@ class StoredObject(NamedTuple):
     is_stale: bool = False
 
 
+# By connection: name, id and settings of the scene of its last admission.
+_LAST: "WeakKeyDictionary[psycopg.Connection[Any], tuple[str, int, Scene]]" = WeakKeyDictionary()
+
+
 @contextmanager
 def admission(
-    conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float | None
-) -> Iterator[tuple[int, Scene, Limits]]:
-    """Run the block in a transaction that holds the lock of admissions; yield id, settings and limits of the scene.
+    conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float | None, keys: Sequence[str], owner: str | None
+) -> Iterator[tuple[int, Scene, Limits, list[StoredObject]]]:
+    """Run the block in a transaction that holds the lock of admissions of a scene.
+
+    Yields its id, settings and limits of plans, and the objects that have one of some keys, or the owner.
 
     An own transaction sees what was committed before each statement; the lock lasts until the outermost transaction
     ends. Raises LockTimeout, naming the holder, if the lock is not free within `lock_timeout_s` (None: the limit of the
@@ -52,9 +59,13 @@ def admission(
         with transaction(conn):
             if is_own:
                 conn.execute(b"SET TRANSACTION ISOLATION LEVEL READ COMMITTED", prepare=False)
-            number, settings, *limits = call(conn, "_begin_admission", scene, lock_timeout_s)
+            number, settings, *limits, replaced = call(
+                conn, "_begin_admission", scene, lock_timeout_s, list(keys), owner
+            )
             begun = True
-            yield int(number), scene_of(settings), Limits(*limits)
+            stored = scene_of(settings)
+            _LAST[conn] = scene, int(number), stored
+            yield int(number), stored, Limits(*limits), [StoredObject(*row) for row in replaced]
     except LockTimeout as timeout:
         if begun or conn.info.transaction_status == TransactionStatus.INERROR:
             raise
@@ -63,6 +74,12 @@ def admission(
             holders = " and ".join(str(Holder(*row)) for row in call_many(conn, "_admission_holders", number))
         holders = holders or "it has just ended, or is a prepared transaction"
         raise LockTimeout(f"another admission of scene {scene!r} is at work: {holders}") from timeout.__cause__
+
+
+def settings_of_last_admission(conn: psycopg.Connection[Any], scene: str) -> tuple[int, Scene] | None:
+    """Return the id and settings of a scene that the last admission of a connection read; None: of another scene."""
+    name, number, settings = _LAST.get(conn, (None, 0, None))
+    return None if settings is None or name != scene else (number, settings)
 
 
 def replaced_objects(

@@ -123,6 +123,16 @@ def put_plans(
     conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], areas: Sequence[Area], tracks: Sequence[Track]
 ) -> None:
     """Remove some objects of a scene by key and put others, few at a time, as `replace_scene` with `merge` does."""
+    put_rows(conn, scene, removed, plan_rows(areas, tracks))
+
+
+def put_rows(conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], rows: str) -> None:
+    """Do as `put_plans`, with the JSON of `plan_rows`."""
+    call(conn, "_put_plans", scene, list(removed), rows, True)
+
+
+def plan_rows(areas: Sequence[Area], tracks: Sequence[Track]) -> str:
+    """Return plans as the JSON array of objects that the routine `_put_plans` reads."""
     rows = []
     plans_of: list[tuple[Sequence[Area | Track], dict[str, copy_binary.Column]]] = [
         (areas, _staged_areas(areas)),
@@ -138,7 +148,7 @@ def put_plans(
                 column = cast("copy_binary.Ragged", columns[name])
                 row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
             rows.append(row | (_track_fields(one) if isinstance(one, Track) else _area_fields(one)))
-    call(conn, "_put_plans", scene, list(removed), json.dumps(rows), True)
+    return json.dumps(rows)
 
 
 def _track_fields(track: Track) -> dict[str, Any]:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b2b997176b66bcdd187c5837596bef183a4085a020b35cdd25983e274f97149f"
+routines_sha256 = "8bf933de89640a48b0066f9f4823b0c78da25d2cde78dfa417402ad9cb826c06"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

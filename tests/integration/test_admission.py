@@ -67,6 +67,16 @@ def test_plans_with_an_owner_are_not_compared_with_each_other(city: StoredScene)
     assert [(one.key, one.kind) for one in city.objects()] == [("1", "area"), ("3", "track"), ("4", "track")]
 
 
+def test_settings_that_changed_since_the_last_admission_count(dsn: str, city: StoredScene) -> None:
+    """Plans are cut before the lock under the settings that the connection knows, and again if these have changed."""
+    assert city.admit(square("a", 0.0))
+    assert city.admit(square("b", 0.012))
+    with connect(dsn) as other:
+        other.scene(city.name).put(square("far", 50.0), replace(CITY, separation_m=2_000.0))
+    assert not city.admit(square("c", 0.03))
+    assert keys(city) == ["a", "b", "far"]
+
+
 def test_a_stored_key_must_be_named(city: StoredScene) -> None:
     """A flight with the key of a fence does not remove the fence; one of another owner is refused, named or not."""
     city.put([square("fence", 0.0), square("theirs", 0.3, owner="them")])

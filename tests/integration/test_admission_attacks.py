@@ -139,7 +139,8 @@ def test_a_search_path_of_the_caller_does_not_matter(dsn: str, city: StoredScene
         become(conn, roles["editor"])
         conn.execute("CREATE TEMP TABLE area (area_id bigint, scene_id bigint, key text)")
         conn.execute(
-            "CREATE FUNCTION pg_temp._begin_admission(text, double precision) RETURNS int LANGUAGE sql AS 'SELECT 1'"
+            "CREATE FUNCTION pg_temp._begin_admission(text, double precision, text[], text) RETURNS int "
+            "LANGUAGE sql AS 'SELECT 1'"
         )
         conn.execute("SET search_path = pg_temp, pg_catalog, public")
         assert asked(conn, square("a", 0.0))[0]
@@ -148,7 +149,7 @@ def test_a_search_path_of_the_caller_does_not_matter(dsn: str, city: StoredScene
     assert keys(city) == ["a"]
 
 
-@pytest.mark.parametrize("stage", ["read_request", "answer_admission", "put_plans", "objects_near"])
+@pytest.mark.parametrize("stage", ["read_request", "answer_admission", "put_rows", "objects_near"])
 def test_a_worker_that_is_killed_between_stages_leaves_nothing(
     dsn: str, db: Database, city: StoredScene, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:

@@ -68,7 +68,7 @@ def test_admissions_go_on_whatever_the_lock_has_counted(conn: Conn) -> None:
     conn.execute("SET ROLE conflictdb_editor")
     conn.execute("INSERT INTO conflictdb.admission_lock SELECT scene_id, 9223372036854775807 FROM conflictdb.scene")
     for _ in range(2):
-        conn.execute("SELECT conflictdb_internal._begin_admission('s', 1)")
+        conn.execute("SELECT conflictdb_internal._begin_admission('s', 1, '{}', NULL)")
     with pytest.raises(psycopg.errors.InsufficientPrivilege):
         conn.execute("UPDATE conflictdb.admission_lock SET scene_id = 7")
     conn.rollback()

@@ -36,7 +36,7 @@ SELECT conflictdb.attach('hers', 'area', 'alices.ops', '{"key": "id", "footprint
 LATER = """
 SELECT conflictdb.acknowledge('hers', 'A', 'B', 'seen');
 SELECT conflictdb.request_probe('hers', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))', p_key => 'A');
-SELECT conflictdb_internal._begin_admission('hers', 1);
+SELECT conflictdb_internal._begin_admission('hers', 1, '{}', NULL);
 SELECT conflictdb_internal._put_proposal(s.scene_id, to_jsonb(b), 'total', 60, 60, true,
     '[{"key": "T", "times_us": [1772323260000000, 1772409660000000], "delay_s": 60, "speed": 1, "clears": ["A"],
        "passes": [], "text": "T 1 min later"}]', '[{"key": "U", "blocked_by": ["A"]}]')
@@ -355,7 +355,7 @@ def test_a_role_has_few_branches_of_a_scene(protected: Conn, stage: Stage) -> No
 def test_nobody_is_told_who_admits_elsewhere(protected: Conn, stage: Stage) -> None:
     """A scene that is none, and one that nobody has admitted to yet, have no holders."""
     with psycopg.connect(stage.dsn) as other, acting(other, stage.alice):
-        other.execute("SELECT conflictdb_internal._begin_admission('hers', 1)")
+        other.execute("SELECT conflictdb_internal._begin_admission('hers', 1, '{}', NULL)")
         with acting(protected, stage.bob):
             his = one(protected, "SELECT scene_id FROM conflictdb.scene WHERE name = 'his'")[0]
             for scene in (-1, his):
