@@ -54,7 +54,8 @@ def strait(dsn: str, serve: Serve) -> str:
 class OpenPages:
     """Pages of the demo that stay open, for tests that leave the scene as it is: one each for mice and for fingers."""
 
-    def __init__(self, browser: Browser, addresses: dict[str, str], pages: ExitStack) -> None:
+    def __init__(self, browser: Browser, dsn: str, addresses: dict[str, str], pages: ExitStack) -> None:
+        self.dsn = dsn
         self._browser = browser
         self._addresses = addresses
         self._pages = pages
@@ -112,7 +113,7 @@ def _open_pages(
             code = main(["--dsn", dsn, "map", "--html", str(file)])
         assert (code, out.getvalue()) == (0, "")
         address = stack.enter_context(page_program(dsn, "strait"))
-        yield OpenPages(browser, {"served": address, "file": file.as_uri()}, stack)
+        yield OpenPages(browser, dsn, {"served": address, "file": file.as_uri()}, stack)
 
 
 @pytest.fixture
@@ -121,6 +122,12 @@ def open_strait(_open_pages: OpenPages) -> Iterator[Open]:
     _open_pages.said.clear()
     yield _open_pages.get
     assert _open_pages.said == []
+
+
+@pytest.fixture
+def demo_dsn(_open_pages: OpenPages) -> str:
+    """Return how to connect to the demo of the open pages, for tests that leave it as it is."""
+    return _open_pages.dsn
 
 
 @pytest.fixture

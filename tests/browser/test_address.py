@@ -3,9 +3,9 @@
 from urllib.parse import urlsplit
 
 import pytest
-from browsing import Open, new_page, rows, time_of, wait_until
+from browsing import Open, rows, time_of, wait_until
 from map_page import served_page
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Page, expect
 
 PLACE = "conflictdbPage.view.place()"
 
@@ -14,9 +14,9 @@ def ready(page: Page) -> None:
     page.wait_for_selector("html[data-ready=true]", state="attached")
 
 
-def test_below_a_token_all_requests_find_their_way(strait: str, dsn: str, open_page: Open) -> None:
+def test_below_a_token_all_requests_find_their_way(demo_dsn: str, open_page: Open) -> None:
     """Modules, styles, data, tiles and land, or the page would log an error; the link contains the token, no cookie."""
-    with served_page(dsn, "strait", host="0.0.0.0") as address:  # noqa: S104
+    with served_page(demo_dsn, "strait", host="0.0.0.0") as address:  # noqa: S104
         address = address.replace(str(urlsplit(address).hostname), "127.0.0.1")  # whose headers browsers trust
         page = open_page(address)
         assert len(rows(page)) == 7
@@ -82,20 +82,6 @@ def test_an_address_that_is_not_understood_changes_nothing(open_strait: Open, ha
     assert page.locator("#from").input_value() == ""
     assert page.locator("#floor").input_value() == ""
     assert (time_of(page), page.evaluate(PLACE)) == shown
-
-
-def test_a_scene_that_is_not_there_stays_named_when_changes_are_heard_late(strait: str, browser: Browser) -> None:
-    """As on a busy machine: the page hears of changes after it was shown."""
-    waiting: list[Route] = []
-    with new_page(browser) as page:
-        page.route("**/api/events*", lambda route: waiting.append(route))
-        page.goto(f"{strait}#scene=another")
-        expect(page.locator("#state")).to_contain_text("another")
-        wait_until(page, lambda: waiting)  # the page may show its state before it asks
-        with page.expect_response("**/api/events*"):
-            waiting[0].continue_()
-        page.wait_for_timeout(500)
-        expect(page.locator("#state")).to_contain_text("another")
 
 
 def test_a_file_has_an_address_too(open_strait: Open) -> None:

@@ -142,7 +142,6 @@ def test_chips_take_one_limit_away_each(open_strait: Open) -> None:
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-@pytest.mark.parametrize("is_file", [False, True], ids=["served", "file"])
 def test_the_table_is_that_of_the_command_line(
     conn: Conn,
     dsn: str,
@@ -150,9 +149,8 @@ def test_the_table_is_that_of_the_command_line(
     open_page: Open,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    is_file: bool,
 ) -> None:
-    """The same text; sorted by each column; only what the filter leaves; names that are formulas are texts."""
+    """Served and in a file."""
     box = shapely.box(9.0, 57.0, 9.1, 57.1)
     spans = {FORMULA: 3, HOSTILE: 1, "LINE\nBREAK": 2, 'QUOTE", "': 5}
     areas = [Area("PORT", box, name="+1")]
@@ -163,11 +161,13 @@ def test_the_table_is_that_of_the_command_line(
     load(conn, Scene("s"), areas, [])
     detect(conn, "s", jobs=1)
     expected = runner(dsn, capsys)("conflicts", "--scene", "s", "--format", "csv").out
-    if is_file:
-        assert runner(dsn, capsys)("map", "--scene", "s", "--html", tmp_path / "s.html").code == 0
-        page = open_page((tmp_path / "s.html").as_uri())
-    else:
-        page = open_page(serve(dsn, "s"))
+    assert runner(dsn, capsys)("map", "--scene", "s", "--html", tmp_path / "s.html").code == 0
+    assert_table_is(open_page(serve(dsn, "s")), expected)
+    assert_table_is(open_page((tmp_path / "s.html").as_uri()), expected)
+
+
+def assert_table_is(page: Page, expected: str) -> None:
+    """The same text; sorted by each column; only what the filter leaves; names that are formulas are texts."""
 
     def saved() -> str:
         with page.expect_download() as saving:

@@ -52,6 +52,9 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
     ]
     tracks = [Track("CROSSES", [(176.0, 2.0), (-176.0, 2.0)], times, outline)]
     small = rectangle_outline_m(10, 10, 10, 10)
+    crossing = rectangle_outline_m(500, 500, 500, 500)
+    tracks.append(Track("EAST", [(177.0, 6.5), (178.0, 6.5)], times, crossing))
+    tracks.append(Track("NORTH", [(177.5, 6.0), (177.5, 7.0)], times, crossing))
     starts = enumerate(np.linspace(176.0, 179.0, 2001))
     tracks += [Track(f"T{n}", [(lon, 8.0), (lon, 9.0)], times, small) for n, lon in starts]
     load(conn, Scene("s"), areas, tracks)
@@ -72,12 +75,15 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         wait_until(page, lambda: alpha(page, 183.0, 3.0) == 0)
         page.get_by_role("combobox", name="Object").fill("")
         wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
+        assert_first_contacts_are_strong_while_on(page)
         tiles = page.evaluate("performance.getEntriesByType('resource').filter(({name}) => name.includes('/tiles/'))")
         assert tiles == []
         assert [url for url in asked if "/tiles/" in url] == []
 
         # The mark of a first contact, at its place, opens its conflict.
-        place = page.evaluate("(({lon, lat}) => [lon, lat])(conflictdbPage.model.conflicts[0])")
+        place = page.evaluate(
+            "(({lon, lat}) => [lon, lat])(conflictdbPage.model.conflicts.find(({a}) => a === 'HOLED'))"
+        )
         red, _, blue, _ = page.evaluate(COLOUR, [*place, "overview"])
         assert red > blue + 50
         point = page.evaluate(
@@ -94,6 +100,19 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         assert [url for url in asked if "/tiles/areas/" in url] != []
         go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom - 3}")
         wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
+
+
+def assert_first_contacts_are_strong_while_on(page: Page) -> None:
+    """And pale before and after."""
+    lon, lat, start = page.evaluate(
+        "(({lon, lat, start}) => [lon, lat, start])(conflictdbPage.model.conflicts.find(({a}) => a === 'EAST'))"
+    )
+    on = (start + 60 - T0_S) / 3600
+    for other in (on - 2, on + 3):
+        show_time(page, on)
+        wait_until(page, lambda: alpha(page, lon, lat) > 220)
+        show_time(page, other)
+        wait_until(page, lambda: alpha(page, lon, lat) < 190)  # with the paths below it
 
 
 # Milliseconds per picture while the slider moves: as the page measures itself, for some seconds.

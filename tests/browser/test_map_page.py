@@ -288,7 +288,7 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
 ) -> None:
     """The scene changes after the page has read it and before it listens; the page makes each first request once.
 
-    A scene that is deleted is one sentence, without the names of other scenes.
+    What nobody refuses is kept. A scene that is deleted is one sentence, without the names of other scenes.
     """
     load(conn, Scene("confidential"), [], [])
     conn.commit()
@@ -310,6 +310,8 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
         for path in ("/api/scene", "/api/conflicts", "/api/areas", "/api/tracks"):
             assert first.count(path) == 1
         assert first.index("/api/tracks") < first.index("/api/depths")
+        page.wait_for_selector("html[data-ready=true]", state="attached")
+        assert_kept_where_nobody_refuses_the_scene(page, conn)
         conn.execute("DELETE FROM conflictdb.scene WHERE name = 'strait'")
         conn.commit()
         expect(page.locator("#list p")).to_have_text(
@@ -320,21 +322,16 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
         assert "confidential" not in page.content()
 
 
-def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
+def assert_kept_where_nobody_refuses_the_scene(page: Page, conn: Conn) -> None:
     """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
-    page = new_page(browser)
-    try:
-        page.goto(strait)
-        page.wait_for_selector("html[data-ready=true]", state="attached")
-        for status, key, left in [(429, "CABLE", 7), (503, "DIVING", 7), (400, "FIRING", 0)]:
-            body = f'{{"error": "answer {status}"}}'
-            page.route("**/api/conflicts", partial(Route.fulfill, status=status, body=body))
-            conn.execute("SELECT conflictdb.remove_object('strait', %s)", [key])
-            conn.commit()
-            expect(page.locator("#state")).to_have_text(f"answer {status}")
-            expect(page.locator(".row")).to_have_count(left)
-    finally:
-        page.close()
+    for status, key, left in [(429, "CABLE", 7), (503, "DIVING", 7), (400, "FIRING", 0)]:
+        body = f'{{"error": "answer {status}"}}'
+        page.route("**/api/conflicts", partial(Route.fulfill, status=status, body=body))
+        conn.execute("SELECT conflictdb.remove_object('strait', %s)", [key])
+        conn.commit()
+        expect(page.locator("#state")).to_have_text(f"answer {status}")
+        expect(page.locator(".row")).to_have_count(left)
+    page.unroute("**/api/conflicts")
 
 
 def test_times_are_written_with_24_hours_wherever_one_is(open_strait: Open) -> None:
@@ -367,18 +364,6 @@ def test_times_are_written_with_24_hours_wherever_one_is(open_strait: Open) -> N
     expect(since).to_have_attribute("aria-invalid", "false")
     expect(page.locator("#instants")).to_have_text("")
     assert rows(page) == left
-
-
-def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    corner = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
-    load(conn, Scene("s"), [Area("CORNER", corner, name="Corner of all the world's ends")], [])
-    page = open_page(serve(dsn, "s"))
-    ((name, lon, lat),) = page.evaluate("""conflictdbPage.havens.names.map(({text, box: [x0, y0, x1, y1]}) => {
-        const { lng, lat } = conflictdbPage.view.map.unproject([(x0 + x1) / 2, (y0 + y1) / 2]);
-        return [text, lng, lat];
-    })""")
-    assert name == "Corner of all the world…"
-    assert shapely.contains_xy(corner, lon, lat)
 
 
 def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
@@ -528,41 +513,6 @@ def test_plans_that_recur_are_there_each_time(conn: Conn, dsn: str, serve: Serve
         "[...conflictdbPage.model.objects.values()].map((one) => conflictdbPage.filter.leavesObject(one))"
     )
     assert leaves == [False, False]
-
-
-def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """A scene on both sides of the date line is one piece; objects off the map are reported, listed and drawn."""
-    times = np.array([T0_US, T0_US + 10 * HOUR_US])
-    outline = rectangle_outline_m(5000, 5000, 5000, 5000)
-    tracks = [
-        Track("EAST", [(178.0, 10.0), (-178.0, 10.0)], times, outline),
-        Track("WEST", [(-178.0, 10.0), (178.0, 10.0)], times, outline),
-        Track("POLE-1", [(178.0, 86.0), (-178.0, 86.0)], times, outline),
-        Track("POLE-2", [(-178.0, 86.0), (178.0, 86.0)], times, outline),
-    ]
-    load(conn, Scene("s"), [Area("SEAM", shapely.box(179.5, 5.0, 180.5, 8.0))], tracks)
-    detect(conn, "s", jobs=1)
-    page = open_page(serve(dsn, "s"))
-    assert sorted(rows(page)) == ["EAST and WEST", "POLE-1 and POLE-2"]
-    west, south, east, north = page.evaluate("conflictdbPage.model.box()")
-    assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
-    assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
-    expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
-    expect(page.locator(".row", has_text="POLE-1")).to_contain_text("near the pole")
-    page.get_by_role("button", name="EAST and WEST").click()
-    await_drawn(page)
-    seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
-    width = page.evaluate("document.getElementById('map').clientWidth")
-    at = dict(seen)
-    assert len(seen) == 2
-    assert abs(at["EAST"] - at["WEST"]) < width / 2
-    page.keyboard.press("Escape")
-    page.get_by_role("button", name="POLE-1 and POLE-2").click()
-    # The other figure, of the distance over time, comes when the kernel is there.
-    expect(page.locator("figcaption", has_text="At first contact")).to_contain_text(
-        "beyond 85.05°, where only the polar view shows it"
-    )
-    expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
 
 
 SIZES = [(1440, 900, "light"), (768, 1024, "dark"), (390, 844, "light")]

@@ -1,6 +1,5 @@
 """The drawings of the page of `conflictdb map` are true: on paper, over time, of a chosen pair, and of changes."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from piecework import load
 from PIL import Image
 from playwright.sync_api import Page, expect
 
-import conflictdb
 from conflictdb.errors import printable
 from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
@@ -126,28 +124,6 @@ def test_a_conflict_is_printed_on_one_page(open_strait: Open) -> None:
     assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
 
 
-def test_dots_of_a_large_scene_show_what_is_on(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """A first contact is strong while its conflict is on, and pale before and after."""
-    times = np.array([T0_US, T0_US + 10 * HOUR_US])
-    small = rectangle_outline_m(10, 10, 10, 10)
-    far = [Track(f"T{n}", [(lon, 8.0), (lon, 9.0)], times, small) for n, lon in enumerate(np.linspace(1.0, 4.0, 2001))]
-    outline = rectangle_outline_m(500, 500, 500, 500)
-    crossing = [
-        Track("EAST", [(2.0, 2.0), (3.0, 2.0)], times, outline),
-        Track("NORTH", [(2.5, 1.5), (2.5, 2.5)], times, outline),
-    ]
-    load(conn, Scene("s"), [], far + crossing)
-    detect(conn, "s", jobs=1)
-    page = open_page(serve(dsn, "s"))
-    ((lon, lat, start),) = page.evaluate("conflictdbPage.model.conflicts.map(({lon, lat, start}) => [lon, lat, start])")
-    opacity = []
-    for at in (start - 2 * 3600, start + 60, start + 3 * 3600):
-        show_time(page, at)
-        opacity.append(pixel(page, lon, lat, "overview")[3])
-    assert opacity[1] > 220
-    assert max(opacity[0], opacity[2]) < 190  # with the paths below it
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_chosen_pair_stands_out(open_strait: Open, scheme: str) -> None:
     """Its objects have two hues, all else is dimmed, and regions at heights where they are not are hidden."""
@@ -252,6 +228,7 @@ def test_the_map_is_saved_as_a_picture(open_strait: Open, tmp_path: Path, scheme
     assert len(np.unique(picture[:56].reshape(-1, 3), axis=0)) > 5  # the headline
 
 
+CORNER = shapely.Polygon([(5.9, 57.0), (7.9, 57.0), (7.9, 57.25), (6.4, 57.25), (6.4, 58.0), (5.9, 58.0)])
 SPOOFED = "\N{RIGHT-TO-LEFT OVERRIDE}1-BUS\N{POP DIRECTIONAL FORMATTING}"
 
 
@@ -262,6 +239,7 @@ def test_signs_that_turn_a_key_round_are_shown_as_numbers(
     areas = [
         Area(SPOOFED, shapely.box(8.0, 57.0, 9.0, 58.0), name="A\N{RIGHT-TO-LEFT ISOLATE}B"),
         Area("SUB-1", shapely.box(8.5, 57.0, 9.5, 58.0)),
+        Area("CORNER", CORNER, name="Corner of all the world's ends"),
     ]
     load(conn, Scene("s"), areas, [])
     detect(conn, "s", jobs=1)
@@ -286,9 +264,24 @@ def test_signs_that_turn_a_key_round_are_shown_as_numbers(
     for text in (known, SPOOFED):
         page.get_by_role("combobox", name="Object").fill(text)
         expect(page.locator(".row")).to_have_count(1)
+    page.get_by_role("combobox", name="Object").fill("")
+    assert_names_are_written_within_areas(page)
     table = runner(dsn, capsys)("conflicts", "--scene", "s")
     assert "\u202e" not in table.out
     assert known in table.out
+
+
+def assert_names_are_written_within_areas(page: Page) -> None:
+    """Cut, if they are longer."""
+    page.evaluate("conflictdbPage.view.goTo([5.9, 57, 7.9, 58], 100)")
+    await_drawn(page)
+    ((name, lon, lat),) = page.evaluate("""conflictdbPage.havens.names.map(({text, box: [x0, y0, x1, y1]}) => {
+        const { lng, lat } = conflictdbPage.view.map.unproject([(x0 + x1) / 2, (y0 + y1) / 2]);
+        return [text, lng, lat];
+    }).filter(([text]) => text.startsWith("Corner"))""")
+    assert name.endswith("…")
+    assert "Corner of all the world's ends".startswith(name[:-1])
+    assert shapely.contains_xy(CORNER, lon, lat)
 
 
 def test_the_page_shows_signs_as_tables_do(open_strait: Open) -> None:
@@ -312,9 +305,9 @@ def test_the_page_shows_signs_as_tables_do(open_strait: Open) -> None:
 
 
 def test_regions_of_changed_objects_look_stale(
-    strait: str, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+    strait: str, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """Hatched, with a note, until they are detected again; others look as before."""
+    """Hatched, with a note, until they are detected again, in a file too; others look as before."""
     page = open_page(strait)
     note = page.locator("#stale")
     expect(note).to_be_hidden()
@@ -333,23 +326,14 @@ def test_regions_of_changed_objects_look_stale(
     expect(page.locator("#detail")).to_contain_text("one of them has changed since")
     assert states(page, "stale-conflicts")["DIVING and SUB-2"]["chosen"]
     page.keyboard.press("Escape")
+    assert runner(dsn, capsys)("map", "--html", tmp_path / "strait.html").code == 0
+    assert_a_file_shows_what_is_stale(open_page((tmp_path / "strait.html").as_uri(), offline=True))
     assert runner(dsn, capsys)("detect", "--scene", "strait").code == 0
     expect(note).to_be_hidden()
     wait_until(page, lambda: states(page, "stale-conflicts") == {})
 
 
-def test_a_file_shows_what_is_stale(
-    dsn: str, conn: Conn, tmp_path: Any, open_page: Open, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
-    conn.execute(moved.encode())
-    conn.commit()
-    file = tmp_path / "strait.html"
-    assert runner(dsn, capsys)("map", "--html", file).code == 0
-    page = open_page(file.as_uri(), offline=True)
+def assert_a_file_shows_what_is_stale(page: Page) -> None:
     expect(page.locator("#stale")).to_contain_text("3 conflicts")
     await_drawn(page)
     count = (
@@ -357,12 +341,7 @@ def test_a_file_shows_what_is_stale(
     )
     assert page.evaluate(count, "stale-conflicts") == 3
     assert page.evaluate(count, "conflicts") >= 3
-    assert (
-        json.loads(page.evaluate("JSON.stringify(conflictdbPage.model.conflicts.map((c) => c.is_current))")).count(
-            False
-        )
-        == 3
-    )
+    assert page.evaluate("conflictdbPage.model.conflicts.filter((c) => !c.is_current).length") == 3
 
 
 def polar_pixel(page: Page, lon: float, lat: float) -> list[int]:

@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, await_drawn, time_of, wait_until
+from browsing import Open, await_drawn, go_to, rows, time_of, wait_until
 from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -16,7 +16,8 @@ from conflictdb.jobs.detect import detect
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
-DAY_US = 86_400_000_000
+HOUR_US = 3_600_000_000
+DAY_US = 24 * HOUR_US
 T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
 JETS = 30
 
@@ -160,13 +161,46 @@ def lines(page: Page, lon: float, lat: float, zoom: float) -> dict[str, list[dic
     return dict(page.evaluate(script, frame))
 
 
-def test_lines_of_the_map_are_where_they_say(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """On both sides of the date line, at the equator, and as far north as the map goes."""
-    times = np.array([T0_US, T0_US + DAY_US])
-    ways = {"EAST": [(179.0, 60.0), (-179.0, 60.5)]}
-    outline = rectangle_outline_m(500, 500, 500, 500)
-    load(conn, Scene("s"), [], [Track(key, way, times, outline) for key, way in ways.items()])
+def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """A scene on both sides of the date line is one piece; objects off the map are reported, listed and drawn."""
+    times = np.array([T0_US, T0_US + 10 * HOUR_US])
+    outline = rectangle_outline_m(5000, 5000, 5000, 5000)
+    tracks = [
+        Track("EAST", [(178.0, 10.0), (-178.0, 10.0)], times, outline),
+        Track("WEST", [(-178.0, 10.0), (178.0, 10.0)], times, outline),
+        Track("POLE-1", [(178.0, 86.0), (-178.0, 86.0)], times, outline),
+        Track("POLE-2", [(-178.0, 86.0), (178.0, 86.0)], times, outline),
+    ]
+    load(conn, Scene("s"), [Area("SEAM", shapely.box(179.5, 5.0, 180.5, 8.0))], tracks)
+    detect(conn, "s", jobs=1)
     page = open_page(serve(dsn, "s"))
+    assert sorted(rows(page)) == ["EAST and WEST", "POLE-1 and POLE-2"]
+    west, south, east, north = page.evaluate("conflictdbPage.model.box()")
+    assert (west, east) == (pytest.approx(178.0), pytest.approx(182.0))
+    assert (south, north) == (pytest.approx(5.0), pytest.approx(86.0))
+    expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
+    expect(page.locator(".row", has_text="POLE-1")).to_contain_text("near the pole")
+    page.get_by_role("button", name="EAST and WEST").click()
+    await_drawn(page)
+    seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
+    width = page.evaluate("document.getElementById('map').clientWidth")
+    at = dict(seen)
+    assert len(seen) == 2
+    assert abs(at["EAST"] - at["WEST"]) < width / 2
+    page.keyboard.press("Escape")
+    assert_lines_of_the_map_are_where_they_say(page)
+    page.get_by_role("button", name="POLE-1 and POLE-2").click()
+    # The other figure, of the distance over time, comes when the kernel is there.
+    expect(page.locator("figcaption", has_text="At first contact")).to_contain_text(
+        "beyond 85.05°, where only the polar view shows it"
+    )
+    expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
+
+
+def assert_lines_of_the_map_are_where_they_say(page: Page) -> None:
+    """On both sides of the date line, at the equator, and as far north as the map goes."""
+    go_to(page, "{center: [180, 60], zoom: 6}")
+    await_drawn(page)
     # As the map has them, and drawn: the canvas is not empty where one runs.
     shown, places, drawn = page.evaluate("""(() => {
         const {graticule: {canvas, shown}, view: {map}} = conflictdbPage, pixels = canvas.getContext("2d");

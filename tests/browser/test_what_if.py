@@ -213,9 +213,9 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
-def test_a_late_answer_leaves_the_copy_that_was_said(strait: str, open_page: Open) -> None:
+def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
     """The server answers about a moved waypoint after the plan was copied."""
-    page = open_page(strait, size=(1280, 900), **COPIES)
+    page = open_strait((1280, 900))
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     asked: list[Route] = []
@@ -282,7 +282,7 @@ def test_a_waypoint_is_dragged_in_a_branch(strait: str, dsn: str, open_page: Ope
     assert len(conflicts_of(dsn, "strait", "FERRY")) == 3
 
 
-def test_a_file_computes_it_without_a_server(strait: str, dsn: str, open_strait: Open) -> None:
+def test_a_file_computes_it_without_a_server(demo_dsn: str, open_strait: Open) -> None:
     """Also the keyboard closes it, and the scene is as it was."""
     page = open_strait(of="file")
     before = page.locator("#list").text_content()
@@ -294,7 +294,7 @@ def test_a_file_computes_it_without_a_server(strait: str, dsn: str, open_strait:
     drag_second_waypoint(page, "FERRY", "DIVING and FERRY")
     said(page, "Waypoint 2 elsewhere: 2 fewer, none new; 1 in all.")
     shown = page.evaluate("conflictdbPage.havens.plan.conflicts.map(({other, periods}) => [other, ...periods.flat()])")
-    assert shown == periods_elsewhere(dsn, "strait", "FERRY", page.evaluate("conflictdbPage.havens.plan.waypoint"))
+    assert shown == periods_elsewhere(demo_dsn, "strait", "FERRY", page.evaluate("conflictdbPage.havens.plan.waypoint"))
     page.get_by_role("slider", name="Departure").press("PageUp")
     expect(page.locator(".what-if .said")).to_contain_text("later, waypoint 2 elsewhere: ")
     page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
