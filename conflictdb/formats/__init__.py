@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from conflictdb.formats.json_schema import plans_schema
     from conflictdb.formats.objects_writing import object_lines
     from conflictdb.formats.reading import read
-    from conflictdb.formats.scene_file import scene_text
+    from conflictdb.formats.scene_file import read_plans, scene_text
     from conflictdb.formats.unwritten_fields import unwritten
     from conflictdb.formats.writing import write, write_lines
     from conflictdb.formats.writing_scenes import write_scene_file
@@ -28,6 +28,7 @@ __all__ = [
     "object_lines",
     "plans_schema",
     "read",
+    "read_plans",
     "scene_text",
     "unwritten",
     "write",
