@@ -105,10 +105,11 @@ def _sent(one: PlanColumn, of: str) -> str:
 
 
 def _numbered(one: PlanColumn, of: str) -> str:
+    """Return the 64 bits by which detections know a column (conflictdb/arrays/words.py)."""
     value = f"{of}.{one.name}"
-    return (
-        f"_word_number(encode(float8send({value} + 0), 'hex'))" if one.form is Form.NUMBER else f"_word_number({value})"
-    )
+    if one.form is Form.NUMBER:
+        return f"('x' || encode(float8send(coalesce({value} + 0, 'NaN')), 'hex'))::bit(64)::bigint"
+    return f"_word_number({value})"
 
 
 def _is_valid(one: PlanColumn, of: str) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_take, stacked
-from conflictdb.arrays.words import numbers_of_plans
+from conflictdb.arrays.words import numbers_of_plans, values_in
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
 from conflictdb.model.plan_columns import AREA, TRACK
@@ -114,6 +114,10 @@ class AreaBatch:
     def owner_number(self) -> NDArray[np.int64]:
         """The number of the owner of each (n,)."""
         return self.words[:, 1]
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """Return the values (n,) of a column of numbers that change answers, NaN without."""
+        return values_in(AREA, self.words, name)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the areas of some rows."""
@@ -240,6 +244,10 @@ class TrackBatch:
     def owner_number(self) -> NDArray[np.int64]:
         """The number of the owner of each (n,)."""
         return self.words[:, 1]
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """Return the values (n,) of a column of numbers that change answers, NaN without."""
+        return values_in(TRACK, self.words, name)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the tracks of some rows."""

@@ -1,8 +1,9 @@
-"""Number the values of plans that decide conflicts by being equal, as `_word_number` does in SQL.
+"""Number the values of plain columns that change answers: words by their digests, as `_word_number` does in SQL.
 
-Words cost too much in arrays of pieces.
+Words cost too much in arrays of pieces. The number of a number has its bits.
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
@@ -29,12 +30,23 @@ WORDS: Final = {
 
 
 @lru_cache(maxsize=4096)
-def number_of(word: str | float | None) -> int:
-    """Return a 64-bit digest of a word or number, 0 for None; collision probability 2^-64 per pair."""
-    if word is None:
+def number_of(value: str | float | None, form: Form = Form.WORD) -> int:
+    """Return a 64-bit digest of a word, 0 for None; of a number its bits, those of NaN for None.
+
+    Collision probability of words: 2^-64 per pair.
+    """
+    if form is Form.NUMBER:
+        number = math.nan if value is None else float(value) + 0.0  # -0.0 is 0.0
+        return int.from_bytes(struct.pack(">d", number), signed=True)
+    if value is None:
         return 0
-    text = word if isinstance(word, str) else struct.pack(">d", word + 0.0).hex()  # -0.0 is 0.0
-    return int.from_bytes(md5(text.encode(), usedforsecurity=False).digest()[:8], signed=True)
+    return int.from_bytes(md5(str(value).encode(), usedforsecurity=False).digest()[:8], signed=True)
+
+
+def values_in(kind: str, words: NDArray[np.int64], name: str) -> NDArray[np.float64]:
+    """Return the values (n,) of a column of numbers in words (n, k) of WORDS; NaN: none."""
+    place = [column.name for column in WORDS[kind]].index(name)
+    return np.ascontiguousarray(words[:, place]).view(np.float64)
 
 
 def numbers_of_words(words: Sequence[str | None]) -> NDArray[np.int64]:
@@ -44,5 +56,5 @@ def numbers_of_words(words: Sequence[str | None]) -> NDArray[np.int64]:
 
 def numbers_of_plans(kind: str, plans: Sequence[Any]) -> NDArray[np.int64]:
     """Return the numbers (n, k) of the values of WORDS of areas or tracks."""
-    numbers = [[number_of(getattr(one, column.field)) for column in WORDS[kind]] for one in plans]
+    numbers = [[number_of(getattr(one, column.field), column.form) for column in WORDS[kind]] for one in plans]
     return np.array(numbers, np.int64).reshape(len(plans), len(WORDS[kind]))

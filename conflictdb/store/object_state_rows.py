@@ -72,9 +72,12 @@ def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
 def _with_numbers(
     kind: Kind, columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
 ) -> dict[str, NDArray[Any]]:
-    """Return columns with the numbers of their words."""
-    values = {one.name: values_of_rows(one, columns, strings) for one in WORDS[kind]}
-    return columns | {f"{name}_number": np.array(list(map(number_of, of)), np.int64) for name, of in values.items()}
+    """Return columns with the numbers of WORDS."""
+    numbers = {
+        f"{one.name}_number": [number_of(value, one.form) for value in values_of_rows(one, columns, strings)]
+        for one in WORDS[kind]
+    }
+    return columns | {name: np.array(each, np.int64) for name, each in numbers.items()}
 
 
 def _states(kind: Kind, *columns: Any) -> tuple[NDArray[Any], ...]:

@@ -3,11 +3,12 @@
 tests/paths/test_made_up_columns.py runs these tests, in a process that has the columns.
 """
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import full_plans
 import generate
+import numpy as np
 import psycopg
 import pytest
 from made_up_columns import MADE_UP, VALUES
@@ -17,6 +18,8 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, Track
+from conflictdb.store.detections import changed_tracks
+from conflictdb.store.object_state_rows import object_states
 
 WRONG = {"cargo": ["", 7, 201 * "x"], "draught_m": ["7", float("nan")], "remark_of_pilot": [7], "papers": [{1: {2}}]}
 
@@ -37,6 +40,18 @@ def test_digests_differ_where_answers_may(one: Any) -> None:
     if "area" in one.kinds:
         digests = area_digests(AreaBatch.of([full_plans.area(), full_plans.area(**{one.name: VALUES[one.name]})]))
         assert (digests[0] != digests[1]) == one.changes_answers
+
+
+def test_detections_know_the_value_of_a_number(conn: psycopg.Connection[Any]) -> None:
+    """Of plans as they are given, and of rows: the changed ones of a scene, and those that a copy compares."""
+    deep, other = full_plans.track(draught_m=7.1), replace(full_plans.track(), key="other")
+    given = TrackBatch.of([deep, other])
+    np.testing.assert_array_equal(given.values("draught_m"), [7.1, np.nan])
+    scene_id = store.set_scene(conn, full_plans.SCENE)
+    store.put_plans(conn, full_plans.SCENE.name, [], [], [deep, other])
+    stored = changed_tracks(conn, scene_id)
+    np.testing.assert_array_equal(np.sort(stored.values("draught_m")), [7.1, np.nan])
+    assert set(track_digests(stored)) == set(track_digests(given)) == set(object_states(conn, scene_id).digest)
 
 
 def test_models_and_reference_have_it() -> None:
