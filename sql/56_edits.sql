@@ -2,32 +2,33 @@
 -- append rows to `edit`, and only wait for what every INSERT waits for. Workers seal them in batches (seal_edits).
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._note_edits() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
-SET jit = off AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- Keys in a row of edit.
     c_most CONSTANT integer := 10000;
     v_kind text := TG_TABLE_NAME;
 BEGIN
-    IF _is_restoring() THEN
+    IF current_setting('row_security') = 'off' AND _is_restoring() THEN
         RETURN NULL;
     END IF;
     IF TG_OP = 'INSERT' THEN
         INSERT INTO edit (scene_id, scene, kind, action, keys)
-            SELECT c.scene_id, _name_of_scene(c.scene_id), v_kind, 'put', c.keys
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, 'put', c.keys
             FROM (SELECT n.scene_id, array_agg(n.key) AS keys
                   FROM (SELECT r.scene_id, r.key, row_number() OVER () / c_most AS chunk FROM new_rows r) n
-                  GROUP BY n.scene_id, n.chunk) c;
+                  GROUP BY n.scene_id, n.chunk) c LEFT JOIN scene s USING (scene_id);
     ELSIF TG_OP = 'DELETE' THEN
         INSERT INTO edit (scene_id, scene, kind, action, keys)
-            SELECT c.scene_id, _name_of_scene(c.scene_id), v_kind, 'delete', c.keys
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, 'delete', c.keys
             FROM (SELECT o.scene_id, array_agg(o.key) AS keys
                   FROM (SELECT r.scene_id, r.key, row_number() OVER () / c_most AS chunk FROM old_rows r) o
-                  GROUP BY o.scene_id, o.chunk) c;
+                  GROUP BY o.scene_id, o.chunk) c LEFT JOIN scene s USING (scene_id);
+    ELSIF NOT EXISTS (SELECT FROM old_rows) THEN
+        RETURN NULL; -- INSERT ... ON CONFLICT DO UPDATE calls both triggers.
     ELSIF v_kind = 'area' THEN
         -- An expanded schedule is no edit. Bytes are compared, because operators of PostGIS are not on the search path.
         INSERT INTO edit (scene_id, scene, kind, action, keys, former_keys)
-            SELECT c.scene_id, _name_of_scene(c.scene_id), v_kind, c.action, c.keys,
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, c.action, c.keys,
                    CASE c.action WHEN 'rename' THEN c.former_keys END
             FROM (SELECT u.scene_id, u.action, array_agg(u.key) AS keys, array_agg(u.former_key) AS former_keys
                   FROM (SELECT n.scene_id, n.key, o.key AS former_key, row_number() OVER () / c_most AS chunk,
@@ -46,10 +47,10 @@ BEGIN
                             CASE WHEN o.schedule IS NULL THEN o.activations END, o.schedule
                             /* end */
                         )::record) u
-                  GROUP BY u.scene_id, u.action, u.chunk) c;
+                  GROUP BY u.scene_id, u.action, u.chunk) c LEFT JOIN scene s USING (scene_id);
     ELSE
         INSERT INTO edit (scene_id, scene, kind, action, keys, former_keys)
-            SELECT c.scene_id, _name_of_scene(c.scene_id), v_kind, c.action, c.keys,
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, c.action, c.keys,
                    CASE c.action WHEN 'rename' THEN c.former_keys END
             FROM (SELECT u.scene_id, u.action, array_agg(u.key) AS keys, array_agg(u.former_key) AS former_keys
                   FROM (SELECT n.scene_id, n.key, o.key AS former_key, row_number() OVER () / c_most AS chunk,
@@ -70,7 +71,7 @@ BEGIN
                             CASE WHEN o.schedule IS NULL THEN o.departures END, o.schedule
                             /* end */
                         )::record) u
-                  GROUP BY u.scene_id, u.action, u.chunk) c;
+                  GROUP BY u.scene_id, u.action, u.chunk) c LEFT JOIN scene s USING (scene_id);
     END IF;
     RETURN NULL;
 END
@@ -80,17 +81,16 @@ COMMENT ON FUNCTION _note_edits() IS
 'Restricted to the rows that the statement changed.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._note_rule_edits() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
-SET jit = off AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF _is_restoring() THEN
         RETURN NULL;
     END IF;
     INSERT INTO edit (scene_id, scene, kind, action, keys)
-        SELECT r.scene_id, _name_of_scene(r.scene_id), 'rule',
+        SELECT r.scene_id, coalesce(s.name, _former_name(r.scene_id)), 'rule',
                CASE TG_OP WHEN 'INSERT' THEN 'put' WHEN 'UPDATE' THEN 'change' ELSE 'delete' END,
                ARRAY[coalesce(r.a_class, 'any') || ' / ' || coalesce(r.b_class, 'any')]
-        FROM changed_rows r ORDER BY r.rule_id;
+        FROM changed_rows r LEFT JOIN scene s USING (scene_id) ORDER BY r.rule_id;
     RETURN NULL;
 END
 $$;
@@ -99,20 +99,19 @@ COMMENT ON FUNCTION _note_rule_edits() IS
 'edits. Restricted to the rows that the statement changed.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._note_branch_edits() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
-SET jit = off AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF _is_restoring() THEN
         RETURN NULL;
     END IF;
     -- A key that the branch has put is an edit of its own object.
     INSERT INTO edit (scene_id, scene, kind, action, keys)
-        SELECT n.scene_id, _name_of_scene(n.scene_id), CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END,
+        SELECT n.scene_id, s.name, CASE n.object_kind WHEN 0 THEN 'area' ELSE 'track' END,
                'delete', array_agg(n.key ORDER BY n.key)
-        FROM new_rows n
+        FROM new_rows n JOIN scene s USING (scene_id)
         WHERE n.object_id IS NOT NULL AND NOT EXISTS (SELECT FROM object_key k
                                                       WHERE k.scene_id = n.scene_id AND k.key = n.key)
-        GROUP BY n.scene_id, n.object_kind;
+        GROUP BY n.scene_id, s.name, n.object_kind;
     RETURN NULL;
 END
 $$;
@@ -142,25 +141,22 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._is_restoring() RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- pg_restore and scripts of pg_dump set it first. A dump brings its own edits.
-    IF current_setting('row_security') <> 'off' THEN
-        RETURN false;
-    END IF;
-    RETURN pg_has_role(session_user, (SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'edit'::regclass),
-                       'USAGE');
+    RETURN current_setting('row_security') = 'off'
+           AND pg_has_role(session_user, (SELECT c.relowner FROM pg_catalog.pg_class c
+                                          WHERE c.oid = 'edit'::regclass), 'USAGE');
 END
 $$;
 COMMENT ON FUNCTION _is_restoring() IS
 'Whether this is the restore of a dump: row_security is off, and the login may act as the owner of schema conflictdb.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._name_of_scene(p_scene_id bigint) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._former_name(p_scene_id bigint) RETURNS text
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
-    -- The objects of a deleted scene are deleted after it.
-    RETURN coalesce((SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id),
-                    (SELECT e.scene FROM edit e WHERE e.scene_id = p_scene_id ORDER BY e.edit_id DESC LIMIT 1));
+    RETURN (SELECT e.scene FROM edit e WHERE e.scene_id = p_scene_id ORDER BY e.edit_id DESC LIMIT 1);
 END
 $$;
-COMMENT ON FUNCTION _name_of_scene(bigint) IS 'Name of a scene, or its last name known to the audit; null: not known.';
+COMMENT ON FUNCTION _former_name(bigint) IS
+'Last name of a scene that the audit knows, null: none. The objects of a deleted scene are deleted after it.';
 
 CREATE OR REPLACE TRIGGER area_edits_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS new_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();

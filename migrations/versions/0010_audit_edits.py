@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8bf933de89640a48b0066f9f4823b0c78da25d2cde78dfa417402ad9cb826c06"
+routines_sha256 = "254e9b7aefd450054bb45b7868e62edeff91abc7a19acebd4524b317cef1c823"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
