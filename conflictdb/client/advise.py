@@ -23,9 +23,9 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.client.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
+from conflictdb.core.near import Chunk, Memory, Question
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.run import run_stages
-from conflictdb.core.stage1_broad_phase import batches
 from conflictdb.core.stage2_intersection import intersections
 from conflictdb.core.world import World, warn_of_unknown
 from conflictdb.earth.registry import Setup
@@ -47,8 +47,6 @@ PIECE_PAIRS: Final = 3_000
 # The sample is repeated until it has as many pairs of pieces as the scene, or this many: fixed costs of a batch then
 # weigh as in a detection.
 BATCH: Final = 20_000
-# Pairs of pieces found at once: this limits memory.
-AT_ONCE: Final = 1_000_000
 # Pieces are built this often, within this time, seconds; the shortest time counts.
 TRIES: Final = 3
 TRIES_S: Final = 0.5
@@ -180,7 +178,7 @@ class _Sample:
             spent_s.append(time.process_time() - started)
         self._pieces, self._piece_s = len(pieces), min(spent_s) / len(pieces)
         self.keys, lots, self.pairs, piece_pairs = np.empty(0, np.int64), np.empty(0), 0, 0
-        for near, _, _ in self._candidates(pieces):
+        for near, _ in self._candidates(pieces):
             some = np.unique(near)
             self.pairs, piece_pairs = self.pairs + len(some), piece_pairs + len(near)
             # The pairs with the smallest of random numbers are a sample; memory does not grow with all pairs.
@@ -254,15 +252,17 @@ class _Sample:
             tracks = self._tracks.take(members[first_track:] - len(self._areas))
             pieces = pieces_of(self._setup.under(scene), areas, tracks)
             rows = np.empty((2, 0), np.int64)
-            for keys, a, b in self._candidates(pieces):
-                rows = np.append(rows, np.stack([a, b])[:, np.isin(keys, self.keys)], axis=1)
+            for keys, chunk in self._candidates(pieces):
+                pieces = chunk.pieces
+                rows = np.append(rows, np.stack([chunk.a, chunk.b])[:, np.isin(keys, self.keys)], axis=1)
             self._near[scene.reach_m] = pieces, PieceRows(rows[0]), PieceRows(rows[1])
         return self._near[scene.reach_m]
 
-    def _candidates(self, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], PieceRows, PieceRows]]:
-        """Yield the pairs of pieces (a, b) that stage 1 leaves, with keys; all of the same two objects at once."""
-        for a, b in batches(pieces, AT_ONCE, self._setup.scene.time_separation_us):
-            yield self._keys(pieces.object_id[a], pieces.object_id[b]), PieceRows(a), PieceRows(b)
+    def _candidates(self, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], Chunk]]:
+        """Yield the pairs of pieces that stage 1 leaves, with keys; all of the same two objects at once."""
+        for chunk in Memory(pieces).pairs(Question.of(self._setup.scene)):
+            of = chunk.pieces.object_id
+            yield self._keys(of[chunk.a], of[chunk.b]), chunk
 
     def _keys(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.minimum(a, b) * self._objects + np.maximum(a, b)

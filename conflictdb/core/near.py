@@ -21,7 +21,7 @@ from conflictdb.core.members import Member, Members
 from conflictdb.core.memory import DEFAULT_MEMORY
 from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.core.separations import Separations
-from conflictdb.core.stage1_broad_phase import candidates, pairs_together, rows_of
+from conflictdb.core.stage1_broad_phase import batches, candidates, pairs_together, rows_of
 from conflictdb.kernel.boxes import BoxTree, RowBoxes, boxes_of
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -159,17 +159,17 @@ class Memory:
 
     def pairs(self, question: Question) -> Iterator[Chunk]:
         """Implement `PairSource`."""
-        pieces = self.pieces
+        pieces, number = self.pieces, self.number
         if question.mine is None and pieces.turn.any():
             # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
             # reported.
-            pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, self.number)))
-            a, b = candidates(pieces, question.within_us)
-        else:
-            a, b = self.rows(question)
-        number = object_numbers(pieces)
-        for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
-            yield Chunk(pieces, PieceRows(a[rows]), PieceRows(b[rows]))
+            order = np.lexsort((-pieces.turn, pieces.part, number))
+            pieces, number = pieces.take(order), number[order]
+        at_once = DEFAULT_MEMORY.pairs
+        found = [self.rows(question)] if question.mine is not None else batches(pieces, at_once, question.within_us)
+        for a, b in found:
+            for rows in chunks_of_objects(number[a], number[b], at_once):
+                yield Chunk(pieces, PieceRows(a[rows]), PieceRows(b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """Implement `PairSource`."""

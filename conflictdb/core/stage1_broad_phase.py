@@ -22,19 +22,23 @@ def candidates(pieces: Pieces, within_us: int = 0) -> tuple[PieceRows, PieceRows
 
     within_us : how far apart in time two may be
     """
-    found = list(batches(pieces, _AT_ONCE, within_us)) or [(np.empty(0, np.int64), np.empty(0, np.int64))]
-    a, b = (np.concatenate(some) for some in zip(*found, strict=True))
+    a, b = (np.concatenate(some) for some in zip(*batches(pieces, _AT_ONCE, within_us), strict=True))
     order = np.lexsort((b, a))
     return PieceRows(a[order]), PieceRows(b[order])
 
 
-def batches(pieces: Pieces, at_once: int, within_us: int = 0) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield these pairs in batches of about `at_once`, by the object of the first one; all pairs of it in one batch."""
+def batches(pieces: Pieces, at_once: int, within_us: int = 0) -> Iterator[tuple[PieceRows, PieceRows]]:
+    """Yield these pairs in batches of about `at_once`, at least one, each with all pairs of some first objects."""
     rows = rows_of(pieces)
     order = near_order(rows)
     rows = rows.take(order)
-    for a, b, _ in box_pairs(rows, np.argsort(rows.object, kind="stable"), at_once, within_us):
-        yield order[a], order[b]
+    is_found = False
+    for first, second, _ in box_pairs(rows, np.argsort(rows.object, kind="stable"), at_once, within_us):
+        a, b = order[first], order[second]
+        in_order, is_found = np.lexsort((b, a)), True
+        yield PieceRows(a[in_order]), PieceRows(b[in_order])
+    if not is_found:
+        yield PieceRows(order[:0]), PieceRows(order[:0])
 
 
 def rows_of(pieces: Pieces) -> RowBoxes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conflictdb.kernel.boxes import BoxTree, RowBoxes, box_pairs, near_order
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, box_pairs, may_meet, near_order
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 Pairs = set[tuple[int, int]]
@@ -139,3 +139,26 @@ def test_a_tree_has_room_for_all_pairs() -> None:
     every = replace(rows, start_us=np.full(60, MINUS_INFINITY_US), end_us=np.full(60, INFINITY_US))
     first, _ = BoxTree(every).pairs(every)
     assert len(first) > 1024
+
+
+@pytest.mark.parametrize("within_us", [0, 7])
+def test_joins_and_trees_follow_the_rule_of_a_pair(within_us: int) -> None:
+    """With owners, types that are not compared, last instants that do not belong to a row, and a time between rows."""
+    n, rng = 250, np.random.default_rng(6)
+    rows = replace(
+        thrown(6, n, 0.3, n), end_inclusive=rng.random(n) < 0.5, owner=rng.integers(0, 5, n), type=rng.integers(0, 3, n)
+    )
+    compared = rng.random((3, 3)) < 0.7
+    compared &= compared.T
+    i, j = np.nonzero(rows.object[:, None] != rows.object[None, :])
+    meet = may_meet(rows, i, j, within_us, compared)
+    expected = set(zip(i[meet].tolist(), j[meet].tolist(), strict=True))
+    assert 100 < len(expected) < len(brute_force(rows)) * 2
+    order = near_order(rows)
+    some = rows.take(order)
+    joined = [(order[a], order[b]) for a, b, _ in box_pairs(some, by_object(some), 100, within_us, compared)]
+    found = {pair for a, b in joined for pair in zip(a.tolist(), b.tolist(), strict=True)}
+    assert found == {(a, b) for a, b in expected if rows.object[a] < rows.object[b]}
+    first, second = BoxTree(rows).pairs(rows, within_us, compared)
+    others = rows.object[first] != rows.object[second]
+    assert set(zip(first[others].tolist(), second[others].tolist(), strict=True)) == expected
