@@ -125,10 +125,13 @@ class Differences:
 
     def blocking(self, least: int, most: int) -> set[int]:
         """Return the numbers of the objects that forbid every change from least to most."""
-        first, last = self.other[self.low <= least], self.other[self.high >= most]
-        if not len(first):
-            return set()
-        return {other for other in np.intersect1d(first, last).tolist() if self._blocks(other, least, most)}
+        first, last = self.low <= least, self.high >= most
+        alone = set(self.other[first & last].tolist())
+        together = set(self.other[first].tolist()).intersection(self.other[last].tolist()) - alone
+        # Most tracks have a free change, so that no objects forbid all of them together.
+        if not together or not Spans.union(self.low, self.high).contains(least, most):
+            return alone
+        return alone | {other for other in together if self._blocks(other, least, most)}
 
     def _blocks(self, other: int, least: int, most: int) -> bool:
         rows = self.other == other
