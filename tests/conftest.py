@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 # programs: they run beside short ones, so that no processor is idle.
 _LONG = (
     "spark", "documents", "map_pictures", "map_page", "server_cluster", "load_by_parts", "upgrade", "oracle",
-    "planning", "speeds", "shallow", "worker_faults", "attached_rights",
+    "planning", "speeds", "shallow", "worker_faults", "attached_rights", "paths", "recurring_plans", "branches",
+    "proposals", "benchmarks", "wheels", "bare_restore", "sources",
 )  # fmt: skip
 _BROWSER = "tests/browser"  # its files are one group, as they share open pages
 _RUN = pytest.StashKey[str]()
@@ -201,9 +202,9 @@ def conn(dsn: str, _reused: ReusedDatabase) -> Iterator[psycopg.Connection[Any]]
 
 
 @pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(dsn: str, _reused: ReusedDatabase, capsys: pytest.CaptureFixture[str]) -> Run:
     """Return a function that runs a command on a database with the schema and nothing in it."""
-    return runner(dsn, capsys)
+    return runner(dsn, capsys, _reused.lent.connect)
 
 
 def _worker_input(config: pytest.Config) -> dict[str, Any]:
