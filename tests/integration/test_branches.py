@@ -135,7 +135,7 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
     branch, copy, edited = scene.branch("branch"), scene.copy("copy"), set[str]()
     copy.detect()
     assert_same(branch, copy)
-    for step in range(26):
+    for step in range(16):
         if step % 4 == 3:
             # The parent changes: a copy would not follow, so it is edited alike, where the branch is not.
             key = str(rng.choice([one.key for one in scene.objects()]))

@@ -60,9 +60,12 @@ def spoil(db: Database, kind: str, key: str, schedule: str) -> None:
 @pytest.fixture(params=[("area", "B", UNKNOWN[0]), ("track", "X", UNKNOWN[0]), ("track", "X", UNKNOWN[1])])
 def spoilt(db: Database, request: pytest.FixtureRequest) -> tuple[StoredScene, str]:
     """A scene with such an object, and its key; it is detected."""
+    return spoilt_scene(db, *request.param)
+
+
+def spoilt_scene(db: Database, kind: str, key: str, schedule: str) -> tuple[StoredScene, str]:
     scene = db.scene("plans")
     scene.put(PLANS, SETTINGS)
-    kind, key, schedule = request.param
     spoil(db, kind, key, schedule)
     scene.detect()
     return scene, key
@@ -106,9 +109,9 @@ COMMANDS = (
 
 
 def test_commands_go_on_and_name_it_once(
-    spoilt: tuple[StoredScene, str], dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    db: Database, dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, key = spoilt
+    _, key = spoilt_scene(db, "track", "X", UNKNOWN[0])
     for name, *words in COMMANDS:
         done = runner(dsn, capsys)(name, *(one.format(tmp_path) for one in words), "--scene", "plans")
         assert done.code in (0, 1), (name, done.err)
