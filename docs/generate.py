@@ -37,7 +37,7 @@ from conflictdb.cli.parser import Parser
 from conflictdb.exchange import aixm, notam, openair, operational_intents, s124, s421, uas_zones
 from conflictdb.formats import file_objects, gpx, kml_document, moving_features, positions, rtz
 from conflictdb.formats.standards import Standard
-from conflictdb.model import path_limits, plan_columns, record
+from conflictdb.model import path_limits, plan_columns, record, settings
 from conflictdb.model.rules import KINDS
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
@@ -382,17 +382,30 @@ PLAIN: Final = {
 
 
 def models() -> str:
-    """Return the module of models, with the columns of plans in their rows and of the record in `ConflictRow`."""
+    """Return the module of models, with settings, the columns of plans and those of the record in their classes."""
     text = MODELS.read_text()
-    for kind in KINDS:
-        begin = text.index(MADE, text.index(f"class {kind.capitalize()}Row(Base)")) + len(MADE)
-        made = "".join(map(_mapped_plan, plan_columns.columns_of(kind)))
-        text = text[:begin] + made + text[text.index("\n\nclass ", begin) :]
+    made = {f"{kind.capitalize()}Row": "".join(map(_mapped_plan, plan_columns.columns_of(kind))) for kind in KINDS}
+    made["SceneRow"] = _mapped_settings(" = mapped_column(server_default=FetchedValue())")
+    made["SceneStateRow"] = _mapped_settings("")
+    for name, columns in made.items():
+        begin = text.index(MADE, text.index(f"class {name}(Base)")) + len(MADE)
+        text = text[:begin] + columns + text[text.index("\n\nclass ", begin) :]
     begin = text.index("    scene: ", text.index("class ConflictRow(Base)"))
     return (
         text[:begin]
         + "".join(map(_mapped, (*record.COLUMNS, *record.ATTACHED)))
         + text[text.index("\n\n\n", begin) + 1 :]
+    )
+
+
+def _mapped_settings(default: str) -> str:
+    """Return the columns of settings; default : what those have that are never null."""
+    return "".join(
+        f"    {column}: Mapped[float | None]\n"
+        if setting.type is settings.SettingType.PLACE
+        else f"    {column}: Mapped[{'str' if setting.choices else 'float'}]{default}\n"
+        for setting in settings.SETTINGS
+        for column in setting.columns
     )
 
 

@@ -56,6 +56,11 @@ class SceneRow(Base):
 
     scene_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
     name: Mapped[str]
+    history_kept: Mapped[timedelta | None]
+    owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
+    expanded: Mapped[Range[datetime] | None]
+    parent_scene_id: Mapped[int | None]
+    # Made by docs/generate.py.
     motion: Mapped[str] = mapped_column(server_default=FetchedValue())
     earth: Mapped[str] = mapped_column(server_default=FetchedValue())
     method: Mapped[str] = mapped_column(server_default=FetchedValue())
@@ -64,15 +69,11 @@ class SceneRow(Base):
     nearest_m: Mapped[float] = mapped_column(server_default=FetchedValue())
     centre_lon: Mapped[float | None]
     centre_lat: Mapped[float | None]
-    history_kept: Mapped[timedelta | None]
-    owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
     time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
-    expanded: Mapped[Range[datetime] | None]
-    parent_scene_id: Mapped[int | None]
     vertical_datum: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
@@ -207,14 +208,6 @@ class SceneStateRow(Base):
     __tablename__ = "scenes"
 
     scene: Mapped[str] = mapped_column(primary_key=True)
-    motion: Mapped[str]
-    earth: Mapped[str]
-    centre_lon: Mapped[float | None]
-    centre_lat: Mapped[float | None]
-    method: Mapped[str]
-    tolerance_m: Mapped[float]
-    separation_m: Mapped[float]
-    nearest_m: Mapped[float]
     objects: Mapped[int]
     pending: Mapped[int]
     last_run_id: Mapped[int | None]
@@ -222,16 +215,25 @@ class SceneStateRow(Base):
     last_error: Mapped[str | None]
     is_current: Mapped[bool]
     unmapped: Mapped[int]
+    expanded_from: Mapped[datetime | None]
+    expanded_until: Mapped[datetime | None]
+    branch_of: Mapped[str | None]
+    compared_at: Mapped[datetime | None]
+    # Made by docs/generate.py.
+    motion: Mapped[str]
+    earth: Mapped[str]
+    method: Mapped[str]
+    tolerance_m: Mapped[float]
+    separation_m: Mapped[float]
+    nearest_m: Mapped[float]
+    centre_lon: Mapped[float | None]
+    centre_lat: Mapped[float | None]
     vertical_separation_m: Mapped[float]
     time_separation_s: Mapped[float]
     delays_within_s: Mapped[float]
     intervals: Mapped[str]
     horizon_days: Mapped[float]
-    expanded_from: Mapped[datetime | None]
-    expanded_until: Mapped[datetime | None]
-    branch_of: Mapped[str | None]
     vertical_datum: Mapped[str]
-    compared_at: Mapped[datetime | None]
 
 
 class ConflictEventRow(Base):

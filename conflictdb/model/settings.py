@@ -1,9 +1,9 @@
 """The settings of a scene: one table, which everything that carries settings reads.
 
 The rules of `Scene`, options of the command line, scene files, GeoParquet, Spark, the store, reports and the map's page
-loop over it. To add a setting: add a row here, a field to `Scene` (model/plans.py) and to the models of SQLAlchemy
-(jobs/models.py), a column to the table `scene` (a revision) and to the view `scenes` (sql/65_scenes.sql), a parameter
-to `create_scene` (sql/15_editing.sql), and act on it.
+loop over it; docs/generate.py writes the models of SQLAlchemy. To add a setting: add a row here, a field to `Scene`
+(model/scene.py), a column to the table `scene` (a revision) and to the view `scenes` (sql/65_scenes.sql), a parameter
+to `create_scene` (sql/15_editing.sql; sql/06_retired.sql has its former parameters), and act on it.
 """
 
 from dataclasses import dataclass
