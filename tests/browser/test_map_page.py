@@ -13,8 +13,8 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, await_drawn, new_page, rows, time_of, wait_until
-from commands import runner
+from browsing import Open, await_drawn, new_page, rows, states, time_of, wait_until
+from commands import Run, runner
 from map_page import Serve
 from patience import until
 from piecework import load
@@ -188,10 +188,12 @@ def test_filters_leave_what_they_say(open_strait: Open) -> None:
 
 
 def test_changes_and_acknowledgements_show_without_reload(
-    strait: str, open_page: Open, conn: Conn, dsn: str, capsys: pytest.CaptureFixture[str]
+    strait: str, open_page: Open, conn: Conn, dsn: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     page = open_page(strait, size=(900, 1000))
     page.evaluate("globalThis.isSame = true")
+    assert_regions_of_changed_objects_look_stale(page, conn, runner(dsn, capsys), open_page, tmp_path / "strait.html")
+    page.get_by_role("button", name="Dismiss").click()
     conn.execute(
         "SELECT conflictdb.put_area('strait', %s, ST_MakeEnvelope(8.5, 57.7, 9.6, 58.0, 4326), '(,)')", [HOSTILE]
     )
@@ -235,6 +237,43 @@ def test_changes_and_acknowledgements_show_without_reload(
     assert page.evaluate("isSame") is True
 
 
+def assert_regions_of_changed_objects_look_stale(page: Page, conn: Conn, run: Run, open_page: Open, file: Path) -> None:
+    """Hatched, with a note, until they are detected again, in a file too; others look as before."""
+    note = page.locator("#stale")
+    expect(note).to_be_hidden()
+    assert states(page, "stale-conflicts") == {}
+    moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
+    conn.execute(moved.encode())
+    conn.commit()
+    expect(note).to_contain_text("3 conflicts (hatched) are of objects that changed since")
+    stale = {"DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"}
+    wait_until(page, lambda: set(states(page, "stale-conflicts")) == stale)  # the note comes before the new tiles
+    assert set(states(page, "stale-conflicts-edge")) == stale
+    assert set(states(page, "stale-first-contacts")) == stale
+    assert not stale & set(states(page, "conflicts", "conflicts-edge", "first-contacts"))
+    assert "CABLE and SUB-1" in states(page, "conflicts")
+    page.get_by_role("button", name="DIVING and SUB-2").click()
+    expect(page.locator("#detail")).to_contain_text("one of them has changed since")
+    assert states(page, "stale-conflicts")["DIVING and SUB-2"]["chosen"]
+    page.keyboard.press("Escape")
+    assert run("map", "--html", file).code == 0
+    assert_a_file_shows_what_is_stale(open_page(file.as_uri(), offline=True))
+    assert run("detect", "--scene", "strait").code == 0
+    expect(note).to_be_hidden()
+    wait_until(page, lambda: states(page, "stale-conflicts") == {})
+
+
+def assert_a_file_shows_what_is_stale(page: Page) -> None:
+    expect(page.locator("#stale")).to_contain_text("3 conflicts")
+    await_drawn(page)
+    count = (
+        "(layer) => new Set(conflictdbPage.view.map.queryRenderedFeatures({layers: [layer]}).map(({id}) => id)).size"
+    )
+    assert page.evaluate(count, "stale-conflicts") == 3
+    assert page.evaluate(count, "conflicts") >= 3
+    assert page.evaluate("conflictdbPage.model.conflicts.filter((c) => !c.is_current).length") == 3
+
+
 def assert_a_bar_says_what_changed(page: Page, conn: Conn, dsn: str) -> None:
     """Since the page was opened, or since that was dismissed; it shows the changes alone."""
     bar = page.locator("#changes")
@@ -249,11 +288,11 @@ def assert_a_bar_says_what_changed(page: Page, conn: Conn, dsn: str) -> None:
     expect(page.locator("#state")).to_contain_text("5 areas")
     with conflictdb.connect(dsn) as db:
         db.scene("strait").detect()
-    expect(page.locator("#changed")).to_contain_text(re.compile(r"^2 objects changed: [1-9]\d* new, 2 gone$"))
+    expect(page.locator("#changed")).to_contain_text(re.compile(r"^2 objects changed: [1-9]\d* new, 3 gone$"))
     page.get_by_role("button", name="Show", exact=True).click()
-    assert page.locator(".tag.gone").all_inner_texts() == ["gone", "gone"]
+    assert page.locator(".tag.gone").all_inner_texts() == ["gone"] * 3
     assert "CABLE and SUB-1" in rows(page)
-    assert len(rows(page)) == page.locator(".tag.new").count() + 2
+    assert len(rows(page)) == page.locator(".tag.new").count() + 3
     expect(page.locator("#count")).to_have_text(f"{len(rows(page))} changes")
     page.locator(".row", has_text="CABLE and SUB-1").click()  # its place in time; nothing more is known
     expect(page.locator("#detail")).to_be_hidden()

@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, await_drawn, go_to, rows, wait_until
+from browsing import Open, await_drawn, go_to, rows, states, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
@@ -22,17 +22,6 @@ Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000
 T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
 T0_S = T0_US / 1e6
-
-
-def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
-    """Return the state of each feature that layers of the map show, by the keys of its objects."""
-    await_drawn(page)
-    found = page.evaluate(
-        """(layers) => conflictdbPage.view.map.queryRenderedFeatures({layers}).map(({properties: p, state}) => (
-            [p.key ?? `${p.a_key} and ${p.b_key}`, state]))""",
-        list(layers),
-    )
-    return dict(found)
 
 
 def show_time(page: Page, t: float) -> None:
@@ -302,46 +291,6 @@ def test_the_page_shows_signs_as_tables_do(open_strait: Open) -> None:
     counts = [0, 7, 999, 1000, 20_000, 999_999, 1_234_567]
     script = "async (counts) => { const m = await import('/page/format.js'); return counts.map(m.grouped); }"
     assert page.evaluate(script, counts) == [f"{count:,}" for count in counts]
-
-
-def test_regions_of_changed_objects_look_stale(
-    strait: str, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """Hatched, with a note, until they are detected again, in a file too; others look as before."""
-    page = open_page(strait)
-    note = page.locator("#stale")
-    expect(note).to_be_hidden()
-    assert states(page, "stale-conflicts") == {}
-    moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
-    conn.execute(moved.encode())
-    conn.commit()
-    expect(note).to_contain_text("3 conflicts (hatched) are of objects that changed since")
-    stale = {"DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"}
-    wait_until(page, lambda: set(states(page, "stale-conflicts")) == stale)  # the note comes before the new tiles
-    assert set(states(page, "stale-conflicts-edge")) == stale
-    assert set(states(page, "stale-first-contacts")) == stale
-    assert not stale & set(states(page, "conflicts", "conflicts-edge", "first-contacts"))
-    assert "CABLE and SUB-1" in states(page, "conflicts")
-    page.get_by_role("button", name="DIVING and SUB-2").click()
-    expect(page.locator("#detail")).to_contain_text("one of them has changed since")
-    assert states(page, "stale-conflicts")["DIVING and SUB-2"]["chosen"]
-    page.keyboard.press("Escape")
-    assert runner(dsn, capsys)("map", "--html", tmp_path / "strait.html").code == 0
-    assert_a_file_shows_what_is_stale(open_page((tmp_path / "strait.html").as_uri(), offline=True))
-    assert runner(dsn, capsys)("detect", "--scene", "strait").code == 0
-    expect(note).to_be_hidden()
-    wait_until(page, lambda: states(page, "stale-conflicts") == {})
-
-
-def assert_a_file_shows_what_is_stale(page: Page) -> None:
-    expect(page.locator("#stale")).to_contain_text("3 conflicts")
-    await_drawn(page)
-    count = (
-        "(layer) => new Set(conflictdbPage.view.map.queryRenderedFeatures({layers: [layer]}).map(({id}) => id)).size"
-    )
-    assert page.evaluate(count, "stale-conflicts") == 3
-    assert page.evaluate(count, "conflicts") >= 3
-    assert page.evaluate("conflictdbPage.model.conflicts.filter((c) => !c.is_current).length") == 3
 
 
 def polar_pixel(page: Page, lon: float, lat: float) -> list[int]:

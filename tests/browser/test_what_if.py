@@ -68,8 +68,15 @@ def copied(page: Page, what: str) -> str:
 
 
 def test_plans_are_moved_in_height_elsewhere_and_in_time(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
-    """One after the other on one page: the first two leave the scene as it was."""
-    page = open_page(strait, size=(1440, 900), **COPIES)
+    """One after the other on one page: those before the last one leave the scene as it was."""
+    with conflictdb.connect(dsn) as db:
+        branch = db.scene("strait").branch("less")
+        branch.delete_objects("DIVING")
+        branch.detect()
+    page = open_page(f"{strait}#scene=less", size=(1440, 900), **COPIES)
+    assert_a_waypoint_is_dragged_in_a_branch(page, dsn)
+    page.goto(strait)
+    page.wait_for_selector("html[data-ready=true]", state="attached")
     assert_a_plan_is_moved_in_height_proposed_applied_and_undone(page, conn, dsn)
     leave(page)
     assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page, conn, dsn)
@@ -198,7 +205,8 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     assert feature["geometry"]["coordinates"][1] == [lon, lat]
     conn.execute("BEGIN")
     conn.execute(copied(page, "SQL").encode())
-    point = "SELECT ST_X(p), ST_Y(p) FROM (SELECT ST_PointN(path, 2) p FROM conflictdb.track WHERE key = 'FERRY') q"
+    point = """SELECT ST_X(p), ST_Y(p) FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id),
+        ST_PointN(path, 2) p WHERE t.key = 'FERRY' AND s.name = 'strait'"""
     assert conn.execute(point).fetchall() == [(lon, lat)]
     conn.rollback()
     page.get_by_role("button", name="Apply").click()
@@ -260,13 +268,8 @@ def periods_elsewhere(dsn: str, scene: str, key: str, waypoint: list[float]) -> 
     ]
 
 
-def test_a_waypoint_is_dragged_in_a_branch(strait: str, dsn: str, open_page: Open) -> None:
+def assert_a_waypoint_is_dragged_in_a_branch(page: Page, dsn: str) -> None:
     """The page shows what a detection of the branch finds, with its own edits."""
-    with conflictdb.connect(dsn) as db:
-        branch = db.scene("strait").branch("less")
-        branch.delete_objects("DIVING")
-        branch.detect()
-    page = open_page(f"{strait}#scene=less", size=(1440, 900))
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 2 conflicts.")
     page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")

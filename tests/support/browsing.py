@@ -86,3 +86,14 @@ def await_drawn(page: Page) -> None:
         }""",
         _DRAWN_MS,
     )
+
+
+def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
+    """Return the state of each feature that layers of the map show, by the keys of its objects."""
+    await_drawn(page)
+    found = page.evaluate(
+        """(layers) => conflictdbPage.view.map.queryRenderedFeatures({layers}).map(({properties: p, state}) => (
+            [p.key ?? `${p.a_key} and ${p.b_key}`, state]))""",
+        list(layers),
+    )
+    return dict(found)
