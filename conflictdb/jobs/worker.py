@@ -219,8 +219,9 @@ class Worker:
                     self.state.alarmed(store.scene_alarms(connection))
                     self._counted_at_s = time.monotonic()
                 if time.monotonic() - self._sealed_at_s >= _SEAL_EVERY_S:
-                    store.seal_edits(connection)
-                    self._sealed_at_s = time.monotonic()
+                    # A large backlog waits for changes to be detected.
+                    more = store.seal_some_edits(connection)
+                    self._sealed_at_s = -math.inf if more else time.monotonic()
                 pause_s = self._pause_s(connection, every_s)
         except (SchemaError, ReadOnlyDatabase):
             raise

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
         pending,
         replace_pieces,
     )
-    from conflictdb.store.edits import Audit, seal_edits, verify_edits
+    from conflictdb.store.edits import Audit, seal_edits, seal_some_edits, verify_edits
     from conflictdb.store.few import Begun, Few, begin_detection, put_pieces, seen_tracks, some_areas, some_tracks
     from conflictdb.store.fit_connections import forget_fit, is_fit, note_fit
     from conflictdb.store.listing import (

@@ -463,3 +463,25 @@ def test_a_worker_notices_that_a_network_is_gone(dsn: str) -> None:
     store.connect(given).close()
     with pytest.raises(StoreError, match="missing"):
         store.worker_dsn("host")
+
+
+def test_a_worker_seals_edits(dsn: str) -> None:
+    load(dsn, "first")
+    sealed = "SELECT sum(edits) = (SELECT count(*) FROM conflictdb.edit) FROM conflictdb.edit_seal"
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        with program(dsn):
+            until(lambda: conn.execute(sealed.encode()).fetchone() == (True,))
+        assert conn.execute("SELECT first_wrong FROM conflictdb.verify_edits()").fetchone() == (None,)
+
+
+def test_a_backlog_is_sealed_in_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Detections do not wait for all of it."""
+    monkeypatch.setattr("conflictdb.store.edits._MOST", 2)
+    load(dsn, "first")
+    with store.connect(dsn) as conn:
+        for number in range(3):
+            with conn.transaction():
+                conn.execute("UPDATE conflictdb.area SET name = %s", [str(number)])
+        edits = store.verify_edits(conn).unsealed
+        assert [store.seal_some_edits(conn) for _ in range(edits // 2 + 1)] == [True] * (edits // 2) + [False]
+        assert store.verify_edits(conn).unsealed == 0
