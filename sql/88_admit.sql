@@ -404,6 +404,9 @@ SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
 SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     c_refused CONSTANT text := 'ZCR00';
+    -- As of answers from Python and from workers (MOST_REPLIES).
+    c_most CONSTANT integer := 50000;
+    v_count integer;
     v_scene_id bigint;
     v_keys text[];
     v_replaced jsonb;
@@ -453,12 +456,18 @@ BEGIN
         PERFORM _check_ends(v_scene_id, v_keys);
         SELECT bool_and(m.periods IS NOT NULL),
                coalesce(jsonb_agg(_conflict_as_json(m.a_id, m.b_id, m.periods)) FILTER (WHERE m.periods IS NOT NULL),
-                        '[]')
-            INTO v_are_known, conflicts
-            FROM _met_by_plans(
-                v_scene_id,
-                ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
-                ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys))) m;
+                        '[]'),
+               count(*)
+            INTO v_are_known, conflicts, v_count
+            FROM (SELECT * FROM _met_by_plans(
+                    v_scene_id,
+                    ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
+                    ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)))
+                  LIMIT c_most + 1) m;
+        IF v_count > c_most THEN
+            FOUND := _raise('ZC016', 'plans', 'plans', format('have more than %s conflicts, the most that one answer '
+                            'may have: ask about fewer plans at once', c_most), 'answer_within_limit');
+        END IF;
         IF _need_schedules(v_scene_id, v_keys) THEN
             v_are_known := false;
         END IF;

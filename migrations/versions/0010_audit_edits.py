@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "254e9b7aefd450054bb45b7868e62edeff91abc7a19acebd4524b317cef1c823"
+routines_sha256 = "2841dc278138c1d94708fd98a39588cadcd6ca0df2af544a77b72bc2798fc97c"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -402,3 +402,14 @@ def test_undetected_objects_at_other_times_are_not_projected(db: Database, city:
             "SELECT calls FROM pg_stat_xact_user_functions WHERE funcname = 'postgis_transform_geometry'"
         ).fetchone()
     assert calls == (1,)
+
+
+@pytest.mark.usefixtures("city")
+def test_an_answer_in_sql_has_a_bounded_number_of_conflicts(db: Database) -> None:
+    """51,040 of 320 plans: the refusal names the limit, and nothing was put."""
+    message = "plans: have more than 50000 conflicts, the most that one answer may have: ask about fewer plans at once"
+    with pytest.raises(psycopg.Error, match=message) as refused:
+        asked(db.connection, *(square(f"{k}", 0.0) for k in range(320)))
+    assert refused.value.sqlstate == "ZC016"
+    db.connection.rollback()
+    assert len(asked(db.connection, *(square(f"{k}", 0.0) for k in range(20)))[1]) == 190
