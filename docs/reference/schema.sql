@@ -15,6 +15,8 @@ SEQUENCE conflict_event_conflict_event_id_seq;
 
 SEQUENCE conflict_seq;
 
+SEQUENCE edit_edit_id_seq;
+
 SEQUENCE piece_piece_id_seq;
 
 SEQUENCE probe_request_probe_id_seq;
@@ -200,6 +202,34 @@ TABLE difference (
     other_id bigint NOT NULL,
     forbidden_us int8multirange NOT NULL,
     proven_us int8multirange NOT NULL
+);
+
+TABLE edit (
+    edit_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    edited_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    scene_id bigint NOT NULL,
+    scene text,
+    kind text NOT NULL,
+    action text NOT NULL,
+    keys text[] NOT NULL,
+    former_keys text[],
+    role text NOT NULL DEFAULT COALESCE(NULLIF(current_setting('role'::text), 'none'::text), (SESSION_USER)::text),
+    login text NOT NULL DEFAULT SESSION_USER,
+    pid integer NOT NULL DEFAULT pg_backend_pid(),
+    application text NOT NULL DEFAULT current_setting('application_name'::text),
+    client text DEFAULT host(inet_client_addr())
+);
+
+TABLE edit_seal (
+    seal_id bigint NOT NULL,
+    edit_ids int8multirange NOT NULL,
+    edits bigint NOT NULL,
+    digest bytea NOT NULL,
+    sealed_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    given_id bigint NOT NULL,
+    next_transaction xid8 NOT NULL,
+    settled_id bigint NOT NULL
 );
 
 TABLE history (
@@ -423,6 +453,11 @@ TABLE track (
     schedule_error text
 );
 
+TABLE upper_limit (
+    name text NOT NULL,
+    value double precision NOT NULL
+);
+
 TABLE worker_stamp (
     worker_id uuid NOT NULL,
     pid integer,
@@ -575,6 +610,30 @@ VIEW conflicts (
     a_row jsonb,
     b_table text,
     b_row jsonb
+);
+
+VIEW edits (
+    edit bigint,
+    at timestamp with time zone,
+    scene text,
+    kind text,
+    action text,
+    key text,
+    former_key text,
+    role text,
+    login text,
+    application text,
+    client text,
+    pid integer,
+    transaction_id xid8
+);
+
+VIEW limits (
+    name text,
+    value double precision,
+    default_value double precision,
+    unit text,
+    doc text
 );
 
 VIEW map_areas (
@@ -750,6 +809,8 @@ CONSTRAINT conflict_time_error_positive ON conflict: CHECK ((time_error_s >= (0)
 CONSTRAINT conflict_verdict_known ON conflict: CHECK ((verdict = ANY (ARRAY['conflict'::text, 'grazing'::text, 'unresolved'::text, 'near'::text])));
 CONSTRAINT conflict_event_kind_known ON conflict_event: CHECK ((kind = ANY (ARRAY['opened'::text, 'changed'::text, 'closed'::text])));
 CONSTRAINT conflict_event_pkey ON conflict_event: PRIMARY KEY (scene_id, conflict_event_id);
+CONSTRAINT edit_pkey ON edit: PRIMARY KEY (edit_id);
+CONSTRAINT edit_seal_pkey ON edit_seal: PRIMARY KEY (seal_id);
 CONSTRAINT history_pkey ON history: PRIMARY KEY (scene_id);
 CONSTRAINT history_scene_fkey ON history: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
@@ -831,6 +892,8 @@ CONSTRAINT track_pkey ON track: PRIMARY KEY (track_id);
 CONSTRAINT track_properties_object ON track: CHECK ((jsonb_typeof(properties) = 'object'::text));
 CONSTRAINT track_scene_fkey ON track: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT track_track_id_in_range ON track: CHECK (((track_id >= 1) AND (track_id <= '4611686018427387903'::bigint)));
+CONSTRAINT upper_limit_pkey ON upper_limit: PRIMARY KEY (name);
+CONSTRAINT upper_limit_positive ON upper_limit: CHECK (((value >= (0)::double precision) AND (value <= 'Infinity'::double precision)));
 CONSTRAINT worker_stamp_pkey ON worker_stamp: PRIMARY KEY (worker_id);
 
 CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
@@ -844,11 +907,13 @@ CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (sce
 CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scene_id, object_kind, object_id);
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_conflict_id_btree ON conflictdb.conflict USING btree (conflict_id) WHERE (verdict <> 'near'::text);
+CREATE INDEX conflict_event_at_scene_id_btree ON conflictdb.conflict_event USING btree (at, scene_id);
 CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
 CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_kind, other_id);
 CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
+CREATE INDEX edit_scene_btree ON conflictdb.edit USING btree (scene_id, edit_id);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
@@ -864,6 +929,9 @@ CREATE TRIGGER acknowledgement_updated BEFORE UPDATE OF ended_at, ended_by ON co
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_check_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _areas_inserted();
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
+CREATE TRIGGER area_edits_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER area_edits_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER area_edits_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER area_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('0', 'area_id') -- replicas;
@@ -880,6 +948,7 @@ CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 CREATE TRIGGER attachment_updated AFTER UPDATE ON conflictdb.attachment FOR EACH ROW WHEN (((new.identity_columns = '{}'::text[]) AND (old.identity_columns <> '{}'::text[]))) EXECUTE FUNCTION _after_attachment_opened();
 CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EACH ROW EXECUTE FUNCTION _branch_edit_before() -- always;
+CREATE TRIGGER branch_edit_edits_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_branch_edits();
 CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
@@ -888,6 +957,9 @@ CREATE TRIGGER proposal_left_made BEFORE INSERT ON conflictdb.proposal_left FOR 
 CREATE TRIGGER proposal_move_made BEFORE INSERT ON conflictdb.proposal_move FOR EACH ROW EXECUTE FUNCTION _before_proposal_part() -- always;
 CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
 CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
+CREATE TRIGGER rule_edits_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
+CREATE TRIGGER rule_edits_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
+CREATE TRIGGER rule_edits_updated AFTER UPDATE ON conflictdb.rule REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
 CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
@@ -895,6 +967,8 @@ CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABL
 CREATE TRIGGER branch_inserted AFTER INSERT ON conflictdb.scene FOR EACH ROW WHEN ((new.parent_scene_id IS NOT NULL)) EXECUTE FUNCTION _after_branch();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - '{name,horizon_days}'::text[]) IS DISTINCT FROM (_settings_of(new.*) - '{name,horizon_days}'::text[]))) EXECUTE FUNCTION _after_scene_change() -- always;
+CREATE TRIGGER scene_edits_inserted AFTER INSERT OR DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _note_scene_edit();
+CREATE TRIGGER scene_edits_updated AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN ((((_settings_of(old.*) IS DISTINCT FROM _settings_of(new.*)) OR (old.owner IS DISTINCT FROM new.owner)) OR (old.history_kept IS DISTINCT FROM new.history_kept))) EXECUTE FUNCTION _note_scene_edit();
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN (((new.parent_scene_id IS NULL) AND (((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat)))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER scene_may_be_removed BEFORE DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
 CREATE TRIGGER scene_name_freed BEFORE INSERT OR UPDATE OF name ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_name() -- always;
@@ -904,6 +978,9 @@ CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHE
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before() -- always;
 CREATE TRIGGER track_check_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _tracks_inserted();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+CREATE TRIGGER track_edits_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER track_edits_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER track_edits_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER track_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('1', 'track_id') -- replicas;
@@ -1071,7 +1148,7 @@ FUNCTION _before_scene_name()
 FUNCTION _before_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _begin_admission(p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer, OUT max_waypoints integer, OUT max_days_ahead double precision)
+FUNCTION _begin_admission(p_scene text, p_wait_s double precision, p_keys text[], p_owner text, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer, OUT max_waypoints integer, OUT max_days_ahead double precision, OUT replaced jsonb)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _begin_attached()
@@ -1140,7 +1217,7 @@ FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT t
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_area_shape(p_who text, p_scene_id bigint, p_footprint geometry)
+FUNCTION _check_area_shape(p_who text, p_scene_id bigint, p_footprint geometry, p_max_vertices double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
@@ -1332,6 +1409,12 @@ FUNCTION _create_note(p_attachment_id bigint)
 FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _digest_of_batch(p_former_digest bytea, p_edit_ids int8multirange, OUT edits bigint, OUT digest bytea)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
+
+FUNCTION _digest_of_edit(p_edit edit)
+    RETURNS bytea LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _drawn(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1415,6 +1498,9 @@ FUNCTION _footprints(p_area_ids bigint[])
 
 FUNCTION _forget_differences(p_scene_id bigint, p_numbers bigint[])
     RETURNS bytea LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
+
+FUNCTION _former_name(p_scene_id bigint)
+    RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _free_attached_name(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -1572,6 +1658,9 @@ FUNCTION _is_plain(p_properties jsonb)
 FUNCTION _is_protected()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _is_restoring()
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _is_same_area(p_a area, p_b area)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1581,10 +1670,10 @@ FUNCTION _is_same_track(p_a track, p_b track)
 FUNCTION _is_steady(p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb, p_departures timestamp with time zone[], p_schedule jsonb, p_grow_mps double precision)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _is_usual_course(p_path geometry, p_outline geometry, p_motion text)
+FUNCTION _is_usual_course(p_path geometry, p_outline geometry, p_motion text, p_max_waypoints double precision, p_max_speed_kn double precision)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _is_usual_footprint(p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
+FUNCTION _is_usual_footprint(p_footprint geometry, p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision, p_max_vertices double precision)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_with(p_kind smallint, p_class bigint, p_numbers bigint[])
@@ -1610,6 +1699,9 @@ FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds
 
 FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_sort=off SET jit=off;
+
+FUNCTION _known_limits()
+    RETURNS TABLE(name text, default_value double precision, most double precision, unit text, doc text) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _last_run_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1749,6 +1841,18 @@ FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _note_branch_edits()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _note_edits()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _note_rule_edits()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _note_scene_edit()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _notify(p_channel text, p_payload text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1775,6 +1879,9 @@ FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, I
 
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _on_map(p_geometry geometry, p_plane text)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _open_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -1873,7 +1980,7 @@ FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _prune(p_scene_id bigint, p_kept interval)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _prune_probes()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -2045,6 +2152,9 @@ FUNCTION _schedules_wait(p_scene_id bigint)
 
 FUNCTION _schedules_within_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _seal_batch(p_most integer, OUT edits bigint)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
 
 FUNCTION _seconds_to_comparison()
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
@@ -2274,6 +2384,9 @@ FUNCTION _warn_if_no_object(p_scene text, p_key text)
 FUNCTION _watch_attached(p_attachment attachment, p_root oid, p_enables boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _were_objects(p_kind smallint, p_ids bigint[], p_versions bigint[])
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET plan_cache_mode=force_generic_plan SET enable_hashjoin=off SET enable_mergejoin=off SET enable_seqscan=off SET jit=off;
+
 FUNCTION _wgs84_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -2418,6 +2531,9 @@ FUNCTION proposal_statements(p_proposal_id bigint, p_undo boolean DEFAULT false)
 FUNCTION protect_scenes(p_on boolean DEFAULT true)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=10s;
 
+FUNCTION prune_edits(p_kept interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2466,6 +2582,12 @@ FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzran
 FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION seal_edits()
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION set_limit(p_name text, p_value double precision)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read'::text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -2492,6 +2614,9 @@ FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION verify_edits(OUT anchor bigint, OUT batches bigint, OUT edits bigint, OUT unsealed bigint, OUT first_wrong bigint, OUT reason text, OUT last_batch bigint, OUT last_digest text)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
 
 FUNCTION wait_for_admission(p_request_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT admitted boolean, OUT conflicts jsonb)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
