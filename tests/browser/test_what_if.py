@@ -221,9 +221,9 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
-def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
-    """The server answers about a moved waypoint after the plan was copied."""
-    page = open_strait((1280, 900))
+def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open, open_page: Open) -> None:
+    """The server answers about a moved waypoint after the plan was copied. A new page asks it; later, none may."""
+    page = open_page(open_strait().url.split("#")[0], size=(1280, 900), **COPIES)
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     asked: list[Route] = []
