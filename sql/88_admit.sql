@@ -74,7 +74,7 @@ $$;
 COMMENT ON FUNCTION _check_plans(jsonb) IS 'Raises ZC016 or ZC007 for plans that admit could not read.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._met_by_plans(
-    p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[]
+    p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[], p_most integer
 ) RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, periods tstzmultirange)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
@@ -104,51 +104,60 @@ BEGIN
                   JOIN given g ON _pieces_may_meet(g.rough, u, v_within_s, v_allowed)
                   WHERE u.object_id <> ALL (CASE u.object_kind WHEN 0 THEN p_area_ids ELSE p_track_ids END)) o
             CROSS JOIN LATERAL _rough_pieces(p_scene_id, v_wanted_m, o.area_ids, o.track_ids) r
-        ), near AS (
-            SELECT g.rough, g.shape, u AS other,
-                   ST_SetSRID(ST_Translate(u.shape, u.turn * v_scene.turn_m, 0), ST_SRID(g.shape)) AS other_shape
-            FROM given g
-            JOIN piece p ON _pieces_may_meet(g.rough, p, v_within_s, v_allowed) AND p.scene_id = p_scene_id
-            CROSS JOIN LATERAL _pieces_of(p) u
-            WHERE _pieces_may_meet(g.rough, u, v_within_s, v_allowed) AND _hulls_meet(u.hull, g.shape, g.padding_m)
-              -- Of most objects the last detection knows the present pieces.
-              AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
-                              AND c.object_id = p.object_id AND NOT c.is_covered)
-            UNION ALL
-            SELECT g.rough, g.shape, u.rough, u.shape
-            FROM given g
-            JOIN uncut u ON _pieces_may_meet(g.rough, u.rough, v_within_s, v_allowed)
-                            AND _hulls_meet(u.shape, g.shape, u.padding_m + g.padding_m)
-            UNION ALL
-            SELECT g.rough, g.shape, h.rough, h.shape
-            FROM given g
-            JOIN given h ON (g.kind, g.id) < (h.kind, h.id)
-                            AND _pieces_may_meet(g.rough, h.rough, v_within_s, v_allowed)
-                            AND _hulls_meet(h.shape, g.shape, h.padding_m + g.padding_m)
         )
-        SELECT n.a_kind, n.a_id, n.b_kind, n.b_id,
-               range_agg(tstzrange(lower(n.span), upper(n.span), '[]')) FILTER (WHERE n.is_certain)
-        FROM (SELECT (m.rough).object_kind AS a_kind, (m.rough).object_id AS a_id, (m.other).object_kind AS b_kind,
-                     (m.other).object_id AS b_id, (m.rough).span * (m.other).span AS span,
-                     v_scene.may_decide AND (m.rough).object_kind + (m.other).object_kind = 0
-                     AND (m.rough).part >= 0 AND (m.other).part >= 0
-                     AND _pieces_may_meet(i, m.other, 0, v_allowed)
-                     AND _areas_overlap(m.shape, m.other_shape,
-                                        2 * _rough_padding_m(_out_m(m.shape, v_scene.plane), 0, v_scene.tolerance_m,
-                                                             v_scene.plane) + 1e-5)
-                     AS is_certain
-              FROM near m
-              -- Heights that overlap without any vertical separation.
-              CROSS JOIN LATERAL _given_piece(
-                  NULL, (m.rough).object_kind, (m.rough).object_id, (m.rough).class_number, (m.rough).owner_number,
-                  (m.rough).part, (m.rough).turn, (m.rough).hull, (m.rough).span, (m.rough).floor_m + v_apart_m,
-                  (m.rough).ceiling_m - v_apart_m) i) n
-        GROUP BY n.a_kind, n.a_id, n.b_kind, n.b_id;
+        -- One object after the other, so that the limit ends the comparison.
+        SELECT o.kind, o.id, m.b_kind, m.b_id, m.periods
+        FROM (SELECT DISTINCT g.kind, g.id FROM given g) o
+        CROSS JOIN LATERAL (
+            WITH mine AS (
+                SELECT g.* FROM given g WHERE (g.kind, g.id) = (o.kind, o.id)
+            ), near AS (
+                SELECT g.rough, g.shape, u AS other,
+                       ST_SetSRID(ST_Translate(u.shape, u.turn * v_scene.turn_m, 0), ST_SRID(g.shape)) AS other_shape
+                FROM mine g
+                JOIN piece p ON _pieces_may_meet(g.rough, p, v_within_s, v_allowed) AND p.scene_id = p_scene_id
+                CROSS JOIN LATERAL _pieces_of(p) u
+                WHERE _pieces_may_meet(g.rough, u, v_within_s, v_allowed) AND _hulls_meet(u.hull, g.shape, g.padding_m)
+                  -- Of most objects the last detection knows the present pieces.
+                  AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
+                                  AND c.object_id = p.object_id AND NOT c.is_covered)
+                UNION ALL
+                SELECT g.rough, g.shape, u.rough, u.shape
+                FROM mine g
+                JOIN uncut u ON _pieces_may_meet(g.rough, u.rough, v_within_s, v_allowed)
+                                AND _hulls_meet(u.shape, g.shape, u.padding_m + g.padding_m)
+                UNION ALL
+                SELECT g.rough, g.shape, h.rough, h.shape
+                FROM mine g
+                JOIN given h ON (g.kind, g.id) < (h.kind, h.id)
+                                AND _pieces_may_meet(g.rough, h.rough, v_within_s, v_allowed)
+                                AND _hulls_meet(h.shape, g.shape, h.padding_m + g.padding_m)
+            )
+            SELECT n.b_kind, n.b_id,
+                   range_agg(tstzrange(lower(n.span), upper(n.span), '[]')) FILTER (WHERE n.is_certain) AS periods
+            FROM (SELECT (m.other).object_kind AS b_kind, (m.other).object_id AS b_id,
+                         (m.rough).span * (m.other).span AS span,
+                         v_scene.may_decide AND (m.rough).object_kind + (m.other).object_kind = 0
+                         AND (m.rough).part >= 0 AND (m.other).part >= 0
+                         AND _pieces_may_meet(i, m.other, 0, v_allowed)
+                         AND _areas_overlap(m.shape, m.other_shape,
+                                            2 * _rough_padding_m(_out_m(m.shape, v_scene.plane), 0, v_scene.tolerance_m,
+                                                                 v_scene.plane) + 1e-5)
+                         AS is_certain
+                  FROM near m
+                  -- Heights that overlap without any vertical separation.
+                  CROSS JOIN LATERAL _given_piece(
+                      NULL, (m.rough).object_kind, (m.rough).object_id, (m.rough).class_number, (m.rough).owner_number,
+                      (m.rough).part, (m.rough).turn, (m.rough).hull, (m.rough).span, (m.rough).floor_m + v_apart_m,
+                      (m.rough).ceiling_m - v_apart_m) i) n
+            GROUP BY n.b_kind, n.b_id
+        ) m
+        LIMIT p_most;
 END
 $$;
-COMMENT ON FUNCTION _met_by_plans(bigint, bigint[], bigint[]) IS
+COMMENT ON FUNCTION _met_by_plans(bigint, bigint[], bigint[], integer) IS
 'Stages 1 and 2 of objects of a scene with all others, as they are stored, detected or not: pairs that may conflict. '
-'periods: of areas that overlap, when they conflict; null: stages 3 and 4 must decide.';
+'periods: of areas that overlap, when they conflict; null: stages 3 and 4 must decide. Stops after p_most pairs.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_replaced(
     p_scene_id bigint, p_plans jsonb, p_owner text, p_replace text[]
@@ -454,17 +463,21 @@ BEGIN
                               WHERE g ->> 'key' = r ->> 2 AND (g ->> 'path' IS NOT NULL) = (r ->> 0 = '1'))),
                            v_plans, false);
         PERFORM _check_ends(v_scene_id, v_keys);
-        SELECT bool_and(m.periods IS NOT NULL),
-               coalesce(jsonb_agg(_conflict_as_json(m.a_id, m.b_id, m.periods)) FILTER (WHERE m.periods IS NOT NULL),
-                        '[]'),
-               count(*)
-            INTO v_are_known, conflicts, v_count
-            FROM (SELECT * FROM _met_by_plans(
-                    v_scene_id,
-                    ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
-                    ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)))
-                  LIMIT c_most + 1) m;
-        IF v_count > c_most THEN
+        WITH met AS MATERIALIZED (
+            SELECT m.*
+            FROM _met_by_plans(
+                v_scene_id,
+                ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
+                ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)),
+                c_most + 1) m
+        )
+        SELECT n.are_known, n.pairs,
+               (SELECT coalesce(jsonb_agg(_conflict_as_json(m.a_id, m.b_id, m.periods)), '[]')
+                FROM met m WHERE m.periods IS NOT NULL AND n.pairs <= c_most)
+            INTO v_are_known, v_count, conflicts
+            FROM (SELECT bool_and(m.periods IS NOT NULL) AS are_known, count(*) AS pairs FROM met m) n;
+        -- A worker counts the conflicts of pairs that stages 3 and 4 must decide.
+        IF v_are_known AND v_count > c_most THEN
             FOUND := _raise('ZC016', 'plans', 'plans', format('have more than %s conflicts, the most that one answer '
                             'may have: ask about fewer plans at once', c_most), 'answer_within_limit');
         END IF;

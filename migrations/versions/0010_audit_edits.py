@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2841dc278138c1d94708fd98a39588cadcd6ca0df2af544a77b72bc2798fc97c"
+routines_sha256 = "4be38a1c3ab962cc4f4d277712c3f4be81f09d682aa0690b6bcd00bb3bf356f8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

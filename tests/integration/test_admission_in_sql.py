@@ -406,10 +406,18 @@ def test_undetected_objects_at_other_times_are_not_projected(db: Database, city:
 
 @pytest.mark.usefixtures("city")
 def test_an_answer_in_sql_has_a_bounded_number_of_conflicts(db: Database) -> None:
-    """51,040 of 320 plans: the refusal names the limit, and nothing was put."""
+    """79,800 of 400 plans: the refusal names the limit, nothing was put, and no more pairs were compared than needed."""
+    conn = db.connection
     message = "plans: have more than 50000 conflicts, the most that one answer may have: ask about fewer plans at once"
-    with pytest.raises(psycopg.Error, match=message) as refused:
-        asked(db.connection, *(square(f"{k}", 0.0) for k in range(320)))
+    with conn.transaction():
+        conn.execute("SET LOCAL track_functions = 'all'")
+        with pytest.raises(psycopg.Error, match=message) as refused, conn.transaction():
+            asked(conn, *(square(f"{k}", 0.0) for k in range(400)))
+        compared = conn.execute(
+            "SELECT calls FROM pg_stat_xact_user_functions WHERE funcname = 'st_intersection'"
+        ).fetchone()
     assert refused.value.sqlstate == "ZC016"
-    db.connection.rollback()
-    assert len(asked(db.connection, *(square(f"{k}", 0.0) for k in range(20)))[1]) == 190
+    assert compared is not None
+    # The last plan is compared with all others.
+    assert 50_000 < compared[0] <= 50_000 + 400
+    assert len(asked(conn, *(square(f"{k}", 0.0) for k in range(20)))[1]) == 190
