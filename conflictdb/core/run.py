@@ -156,9 +156,12 @@ def run_stages(
         parts.append(_unresolved(pieces, heights, pairs, moving))
     elif moving.size:
         clock = time.perf_counter()
-        first, last = _windows(setup, prepared, pairs.take(moving), funnel)
         if method.needs_regions:
-            funnel.stage3_s = time.perf_counter() - clock
+            first, last = _windows(setup, prepared, pairs.take(moving))
+            funnel.projected_pairs, funnel.stage3_s = len(moving), time.perf_counter() - clock
+        else:
+            # Stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
+            first, last = _spans_s(lasting, pairs.take(moving))
         low, high, doubt_s = _some(heights, moving)
         first, last = np.maximum(first, low), np.minimum(last, high)
         possible = np.flatnonzero(first <= last)
@@ -272,14 +275,8 @@ def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | Non
     return advance
 
 
-def _windows(setup: Setup, prepared: kernel.KernelScene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
-    """Return the windows of the search for contacts, seconds: whole shared spans unless stage 3 projects regions.
-
-    Without regions stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
-    """
-    if not METHODS[setup.scene.method].needs_regions:
-        return _spans_s(prepared.pieces, pairs)
-    funnel.projected_pairs = len(pairs)
+def _windows(setup: Setup, prepared: kernel.KernelScene, pairs: Pairs) -> tuple[Floats, Floats]:
+    """Return the windows of the search for contacts, seconds, by stage 3, which projects regions."""
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
     for rows, (low, high) in isolated(
         np.arange(len(pairs)),
@@ -292,6 +289,7 @@ def _windows(setup: Setup, prepared: kernel.KernelScene, pairs: Pairs, funnel: F
 
 
 def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
+    """Return the whole shared spans of pairs, seconds after their start."""
     start, end = pieces.shared_span(pairs.a, pairs.b)
     return np.zeros(len(pairs)), (end - start) / 1e6
 

@@ -5,8 +5,10 @@ The client's form of `sql/21_stage2_intersection.sql`; it also confirms the pair
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.core.stage1_broad_phase import hulls_of
@@ -22,9 +24,14 @@ def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) 
     a, b = PieceRows(a[met]), PieceRows(b[met])
     if not regions:
         return Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
+    return Pairs(a, b, *_regions(pieces, a, b))
+
+
+def _regions(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[Floats, NDArray[np.int64]]:
+    """Return where the hulls of pairs meet, as of `Pairs`."""
     moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
     region = np.full(len(a), None, dtype=object)
     hulls = hulls_of(pieces)
     region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
     xy, owner = shapely.get_coordinates(region, return_index=True)
-    return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))
+    return xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64)

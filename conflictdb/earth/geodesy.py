@@ -15,6 +15,7 @@ C. F. F. Karney, "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024), d
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -60,7 +61,7 @@ class Earth:
     @property
     def oblateness(self) -> float:
         """ln(largest / least radius of the conformal sphere): also a bound on the change of ln radius per radian."""
-        return math.log(self.radius_m / self.polar_conformal_radius_m)
+        return math.log(self.radius_m / sum(self.conformal_radius))
 
     def rectifying(self, latitude: ArrayLike) -> Floats:
         """Return the rectifying latitude mu of a geographic latitude, radians."""
@@ -103,7 +104,11 @@ class Earth:
     def stretch(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
         """Return (psi2 - psi1) / (mu2 - mu1), also for mu1 equal to mu2; arrays broadcast."""
         mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
-        ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
+        chi1, chi2 = self.conformal(mu1), self.conformal(mu2)
+        # The quotient of differences of chi and of mu.
+        ratio = np.ones(np.broadcast_shapes(mu1.shape, mu2.shape))
+        for beta, (cosine, spread) in zip(self.to_conformal, _harmonics(mu1 + mu2, mu2 - mu1), strict=False):
+            ratio += 2.0 * beta * cosine * spread
         half = 0.5 * ratio * (mu2 - mu1)
         z = _sinc(half) * half / np.cos(0.5 * (chi1 + chi2))
         found = ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
@@ -146,15 +151,6 @@ class Earth:
         sigma = np.sinh(self.eccentricity * np.arctanh(self.eccentricity * tau / secant))
         return np.asarray(np.hypot(1.0, sigma) * tau - sigma * secant)
 
-    def _conformal_slope_between(self, mu1: Floats, mu2: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return (chi2 - chi1) / (mu2 - mu1), chi1 and chi2."""
-        ratio = np.ones(np.broadcast_shapes(mu1.shape, mu2.shape))
-        if self.to_conformal:
-            harmonics = _harmonics(mu1 + mu2, mu2 - mu1, len(self.to_conformal))
-            for beta, (cosine, spread) in zip(self.to_conformal, harmonics, strict=True):
-                ratio += 2.0 * beta * cosine * spread
-        return ratio, self.conformal(mu1), self.conformal(mu2)
-
 
 def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
     """Return the power series in sin(chi)^2 of N cos(phi) / cos(chi), from the equator, where it is the radius."""
@@ -170,19 +166,17 @@ def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
     return tuple(float(c) for c in np.polynomial.Polynomial.fit(sine2, values, 6).convert().coef)
 
 
-def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floats, Floats]]:
-    """Return cos(j total) and sin(j difference) / difference for j = 1 to count.
+def _harmonics(total: Floats, difference: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Yield cos(j total) and sin(j difference) / difference for j = 1, 2, ..., without end.
 
     A divided difference of sin(2 j mu) is 2 cos(j (mu1 + mu2)) sin(j (mu2 - mu1)) / (mu2 - mu1).
     """
     turn, swing = 2.0 * np.cos(total), 2.0 * np.cos(difference)
-    harmonics = [(0.5 * turn, _sinc(difference))]
+    cosine, spread = 0.5 * turn, _sinc(difference)
     before: tuple[Floats | float, Floats | float] = (1.0, 0.0)
-    for _ in range(count - 1):
-        cosine, spread = harmonics[-1]
-        harmonics.append((turn * cosine - before[0], swing * spread - before[1]))
-        before = (cosine, spread)
-    return harmonics
+    while True:
+        yield cosine, spread
+        (cosine, spread), before = (turn * cosine - before[0], swing * spread - before[1]), (cosine, spread)
 
 
 def _series(n: float, rows: tuple[tuple[float, ...], ...], sign: float) -> tuple[float, ...]:
@@ -321,8 +315,7 @@ def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: Ar
 
 def _sinc(x: Floats) -> Floats:
     """Return sin(x) / x, 1 at 0."""
-    safe = np.where(x == 0.0, 1.0, x)
-    return np.where(x == 0.0, 1.0, np.sin(safe) / safe)
+    return np.divide(np.sin(x), x, out=np.ones_like(x), where=x != 0.0)
 
 
 def _atanhc(z: Floats) -> Floats:

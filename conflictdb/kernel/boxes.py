@@ -64,20 +64,9 @@ class HeldBoxes(Held):
 
     @classmethod
     def of(cls, rows: RowBoxes) -> Self:
-        """Return pointers to the columns of rows."""
+        """Return pointers to the columns of rows, which have the same names."""
         held = cls(len(rows))
-        held.hold(
-            boxes=rows.boxes,
-            floor_m=rows.floor_m,
-            ceiling_m=rows.ceiling_m,
-            start_us=rows.start_us,
-            end_us=rows.end_us,
-            object=rows.object,
-            is_copy=rows.is_copy,
-            end_inclusive=rows.end_inclusive,
-            owner=rows.owner,
-            type=rows.type,
-        )
+        held.hold(**{name: getattr(rows, name) for name in cls.types})
         return held
 
 

@@ -94,21 +94,9 @@ class HeldPieces(Held):
     def of(cls, pieces: Pieces, used: NDArray[np.bool_]) -> "HeldPieces":
         """Return pointers to the arrays of pieces; used : (n,) whether a pair has the piece."""
         held = cls(len(pieces), len(pieces.shape_xy))
-        held.hold(
-            moves=pieces.kind,
-            turn=pieces.turn,
-            start_us=pieces.start_us,
-            end_us=pieces.end_us,
-            leg_start_us=pieces.leg_start_us,
-            leg_end_us=pieces.leg_end_us,
-            leg_start_deg=pieces.leg_start_deg,
-            leg_end_deg=pieces.leg_end_deg,
-            bearing_deg=pieces.bearing_deg,
-            shape_offset=pieces.shape_offset,
-            shape=pieces.shape_xy,
-            used=used,
-            **({"shape_to": pieces.shape_to_xy} if pieces.changes else {}),
-        )
+        columns = {name: getattr(pieces, name) for name in cls.types.keys() - {"moves", "used", "shape", "shape_to"}}
+        shape_to = pieces.shape_to_xy if pieces.changes else None
+        held.hold(moves=pieces.kind, used=used, shape=pieces.shape_xy, shape_to=shape_to, **columns)
         return held
 
 

@@ -102,12 +102,14 @@ def shared(
     share : most rows of a slice
     vertices : (n,) vertices of the row's pieces: slices of large pieces have fewer rows; a call lasts milliseconds
     """
-    if threads <= 1 and n <= share and (vertices is None or n * (1 + vertices.max(initial=0) // FEW_VERTICES) <= share):
-        return [solve(slice(0, n))] if n else []
-    weight = np.ones(n, np.int64) if vertices is None else 1 + vertices // FEW_VERTICES
-    slices = _slices(np.cumsum(weight), threads, share)
+    slices = _slices(n, threads, share, vertices)
     if threads <= 1 or len(slices) <= 1:
         return [solve(rows) for rows in slices]
+    return _by_threads(solve, slices, threads)
+
+
+def _by_threads(solve: Callable[[slice], _T], slices: list[slice], threads: int) -> list[_T]:
+    """Return the results of slices, by several threads, in order."""
     # `next` of this iterator is atomic under the GIL: each slice goes to one thread.
     left, done = iter(range(len(slices))), dict[int, _T]()
 
@@ -137,13 +139,16 @@ def shared(
     return [done[number] for number in range(len(slices))]
 
 
-def _slices(done: NDArray[np.int64], threads: int, share: int) -> list[slice]:
-    """Return slices of rows; done (n,) is the cumulative weight of the rows.
+def _slices(n: int, threads: int, share: int, vertices: NDArray[np.int64] | None) -> list[slice]:
+    """Return slices of n rows, as of `shared`.
 
     With several threads each slice takes a fraction of the remaining weight, down to a minimum, so that all threads end
     at about the same time after few calls (guided self-scheduling: C. D. Polychronopoulos, D. J. Kuck, IEEE Trans.
     Comput. C-36 (1987), doi:10.1109/TC.1987.5009495).
     """
+    if threads <= 1 and n <= share and (vertices is None or n * (1 + vertices.max(initial=0) // FEW_VERTICES) <= share):
+        return [slice(0, n)] if n else []
+    done = np.cumsum(np.ones(n, np.int64) if vertices is None else 1 + vertices // FEW_VERTICES)
     slices, first, taken = [], 0, 0
     while first < len(done):
         part = share

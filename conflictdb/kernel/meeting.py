@@ -61,8 +61,7 @@ def _measured(
     pairs = HeldPairs.arrays(*columns)
 
     def solve(rows: slice) -> None:
-        held = HeldPairs.of(pairs, rows)
-        check(measure(scene.handle, ctypes.byref(held), address(found[rows])))
+        check(measure(scene.handle, ctypes.byref(HeldPairs.of(pairs, rows)), address(found[rows])))
 
     shared(solve, len(found), threads, vertices=scene.vertices(*columns[:2]))
     return found

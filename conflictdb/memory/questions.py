@@ -70,8 +70,8 @@ def solve(
     """
     if not isinstance(scene, Scene | None):
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    scene = scene or Scene("in memory")
-    tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
+    if haven is not None or time_zone is not None or from_frames.is_frame(tracks) or from_frames.is_frame(areas):
+        tracks, areas = _of_frames(tracks, areas, scene or Scene("in memory"), haven, time_zone)
     world, tracks, areas = world_of("solve", tracks, areas, scene)
     return solved(world.setup, occupy(world, areas, tracks, warns=True))
 
@@ -449,10 +449,10 @@ class Objects:
         return figures.plot_pair(self._scene, a, b, conflict)
 
 
-def _objects(
+def _of_frames(
     tracks: Any, areas: Any, scene: Scene, haven: Mapping[str, Any] | None, time_zone: str | tzinfo | None
-) -> tuple[list[Track], list[Area]]:
-    """Return the objects, given directly or in frames; raises InvalidInput."""
+) -> tuple[Iterable[Track], Iterable[Area]]:
+    """Return the objects of frames, and others as given; raises InvalidInput."""
     in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
     sizes, zone = from_frames.checked_haven(haven), from_frames.TimeZone(time_zone)
     if haven is not None and not in_frames[0]:
@@ -462,8 +462,8 @@ def _objects(
             "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
         )
     return (
-        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else each("solve", "tracks", tracks, Track),
-        from_frames.areas_of(areas, scene, zone) if in_frames[1] else each("solve", "areas", areas, Area),
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else tracks,
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else areas,
     )
 
 

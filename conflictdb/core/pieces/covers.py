@@ -42,23 +42,8 @@ def pieces_of(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     them overlap where the objects' heights are closer than that. By separation rules the distances are the largest that
     an object can need. In a scene with closed intervals, their ends belong to them.
     """
-    if not setup.scene.rules:
-        return _padded(setup, areas, tracks)
-    separations, made = Separations.of(setup.scene), []
-    needs = [separations.padding(one) for one in range(len(separations.of_types))]
-    distinct = list(dict.fromkeys(needs))
-    of_type = np.array([distinct.index(one) for one in needs])
-    for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
-        number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)]
-        for i in np.unique(number).tolist():
-            some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
-            both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
-            made.append(_padded(setup.under(distinct[i]), *both))
-    return Pieces.concatenate(made) if made else _padded(setup.under(separations.settings[0]), areas, tracks)
-
-
-def _padded(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
-    """Return the pieces of objects, by the separations of the scene."""
+    if setup.scene.rules:
+        return _pieces_by_rules(setup, areas, tracks)
     made = [
         *_pieces(setup, areas, areas.area_id, area_pieces, _area_covers),
         *_pieces(setup, tracks, tracks.track_id, track_pieces, _track_covers),
@@ -69,6 +54,21 @@ def _padded(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     if setup.scene.intervals == Intervals.HALF_OPEN:
         return pieces
     return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
+
+
+def _pieces_by_rules(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of objects, by the largest separations that each can need."""
+    separations, made = Separations.of(setup.scene), []
+    needs = [separations.padding(one) for one in range(len(separations.of_types))]
+    distinct = list(dict.fromkeys(needs))
+    of_type = np.array([distinct.index(one) for one in needs])
+    for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
+        number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)]
+        for i in np.unique(number).tolist():
+            some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
+            both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
+            made.append(pieces_of(setup.under(distinct[i]), *both))
+    return Pieces.concatenate(made) if made else pieces_of(setup.under(separations.settings[0]), areas, tracks)
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
