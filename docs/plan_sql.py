@@ -10,11 +10,10 @@ columns it has, and what it has for each:
     /* end */
 
 Columns: all `columns`; `answers`, whose change makes a new version; `plain`, of the forms but OWN; of these `numbers`,
-`strings`, the others, `texts` and `documents`; `words`, which detections read as numbers; `alone`, of no other kind;
-`values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column. WORDS below
-has the words that are replaced. Items are joined by commas, unless each begins or ends with a comma or another sign of
-its own. A test says when a list is out of date
-(tests/unit/test_plan_columns.py).
+`strings`, the others, `texts` and `documents`; `numbered`, which detections read as 64-bit numbers; `alone`, of no
+other kind; `values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column.
+WORDS below has the words that are replaced. Items are joined by commas, unless each begins or ends with a comma or
+another sign of its own. A test says when a list is out of date (tests/unit/test_plan_columns.py).
 """
 
 import re
@@ -23,7 +22,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from conflictdb.arrays.words import WORDS as NUMBERED
+from conflictdb.arrays.column_numbers import NUMBERED
 from conflictdb.model.plan_columns import PLAN_COLUMNS, Form, PlanColumn, checked_columns, columns_of
 from conflictdb.model.rules import KINDS
 
@@ -105,7 +104,7 @@ def _sent(one: PlanColumn, of: str) -> str:
 
 
 def _numbered(one: PlanColumn, of: str) -> str:
-    """Return the 64 bits by which detections know a column (conflictdb/arrays/words.py)."""
+    """Return the 64 bits by which detections know a column (conflictdb/arrays/column_numbers.py)."""
     value = f"{of}.{one.name}"
     if one.form is Form.NUMBER:
         return f"('x' || encode(float8send(coalesce({value} + 0, 'NaN')), 'hex'))::bit(64)::bigint"
@@ -171,7 +170,7 @@ def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
     if kind == "plan":
         seen = {one.name for each in KINDS for one in _chosen(each, which)}
         return (one for one in PLAN_COLUMNS if one.name in seen)
-    if which == "words":
+    if which == "numbered":
         return iter(NUMBERED[kind])
     if which == "checked":
         return (one for one in checked_columns(kind) if one.form is not Form.TEXT)

@@ -6,7 +6,7 @@ BEGIN ATOMIC
     SELECT coalesce(('x' || left(md5(p_word), 16))::bit(64)::bigint, 0);
 END;
 COMMENT ON FUNCTION _word_number(text) IS
-'A 64-bit digest of a class or an owner, 0 for null (conflictdb/arrays/words.py). Inlined into queries.';
+'A 64-bit digest of a class or an owner, 0 for null (conflictdb/arrays/column_numbers.py). Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._side_rank(p_side text) RETURNS integer
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

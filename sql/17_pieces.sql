@@ -18,7 +18,7 @@ COMMENT ON FUNCTION _pending(bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
     ceiling_m double precision,
-    /* area words: NAME_number bigint, */
+    /* area numbered: NAME_number bigint, */
     class_number bigint, owner_number bigint,
     /* end */
     footprint bytea, spans bytea
@@ -29,7 +29,7 @@ BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'),
-           /* area words: NUMBER(a), */
+           /* area numbered: NUMBER(a), */
            _word_number(a.class), _word_number(a.owner),
            /* end */
            ST_AsBinary(a.footprint, 'NDR'),
@@ -45,7 +45,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision,
-    /* area words: OUT NAME_number bigint, */
+    /* area numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
     OUT footprint bytea, OUT spans bytea
@@ -74,7 +74,7 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
-    /* track words: NAME_number bigint, */
+    /* track numbered: NAME_number bigint, */
     class_number bigint, owner_number bigint,
     /* end */
     path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea,
@@ -84,7 +84,7 @@ LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps,
-           /* track words: NUMBER(t), */
+           /* track numbered: NUMBER(t), */
            _word_number(t.class), _word_number(t.owner),
            /* end */
            ST_AsBinary(t.path, 'NDR'),
@@ -105,7 +105,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision,
-    /* track words: OUT NAME_number bigint, */
+    /* track numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,

@@ -92,7 +92,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision,
-    /* area words: OUT NAME_number bigint, */
+    /* area numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
     OUT footprint bytea, OUT spans bytea
@@ -112,7 +112,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision,
-    /* track words: OUT NAME_number bigint, */
+    /* track numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,

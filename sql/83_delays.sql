@@ -1,5 +1,5 @@
 -- Departures of a track that are in conflict: requests to workers, and the differences that a detection has stored
--- (62_differences.sql), from which stages.delays answers.
+-- (62_differences.sql), from which core.delays answers.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._longest_horizon_s() RETURNS integer
 LANGUAGE sql IMMUTABLE PARALLEL SAFE

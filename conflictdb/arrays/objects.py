@@ -10,9 +10,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import numbers_of_plans, values_in
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_take, stacked
-from conflictdb.arrays.words import numbers_of_plans, values_in
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
 from conflictdb.model.plan_columns import AREA, TRACK
@@ -89,7 +89,7 @@ class AreaBatch:
     footprint : (n,) object, shapely MultiPolygon in degrees
     active : spans; none: the area is never active
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
-    words : (n, k) int64, numbers of the values of WORDS, 0 without
+    numbers : (n, k) int64, numbers of the values of NUMBERED, 0 without
     flat : (n,) object, the footprints in the scene's plane; None: not computed
     """
 
@@ -99,7 +99,7 @@ class AreaBatch:
     active: Activations
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
-    words: NDArray[np.int64]
+    numbers: NDArray[np.int64]
     flat: NDArray[np.object_] | None = None
 
     def __len__(self) -> int:
@@ -108,16 +108,16 @@ class AreaBatch:
     @property
     def class_number(self) -> NDArray[np.int64]:
         """The number of the class of each (n,)."""
-        return self.words[:, 0]
+        return self.numbers[:, 0]
 
     @property
     def owner_number(self) -> NDArray[np.int64]:
         """The number of the owner of each (n,)."""
-        return self.words[:, 1]
+        return self.numbers[:, 1]
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return the values (n,) of a column of numbers that change answers, NaN without."""
-        return values_in(AREA, self.words, name)
+        return values_in(AREA, self.numbers, name)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the areas of some rows."""
@@ -210,7 +210,7 @@ class TrackBatch:
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
     tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
-    words : (n, k) int64, numbers of the values of WORDS, 0 without
+    numbers : (n, k) int64, numbers of the values of NUMBERED, 0 without
     departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
     legs : the legs of all tracks in the scene's plane; None: not computed
     """
@@ -228,7 +228,7 @@ class TrackBatch:
     outlines_offset: NDArray[np.int64]
     outlines_m: NDArray[np.float64]
     tolerances: NDArray[np.object_]
-    words: NDArray[np.int64]
+    numbers: NDArray[np.int64]
     departs: Activations
     legs: Legs | None = None
 
@@ -238,16 +238,16 @@ class TrackBatch:
     @property
     def class_number(self) -> NDArray[np.int64]:
         """The number of the class of each (n,)."""
-        return self.words[:, 0]
+        return self.numbers[:, 0]
 
     @property
     def owner_number(self) -> NDArray[np.int64]:
         """The number of the owner of each (n,)."""
-        return self.words[:, 1]
+        return self.numbers[:, 1]
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return the values (n,) of a column of numbers that change answers, NaN without."""
-        return values_in(TRACK, self.words, name)
+        return values_in(TRACK, self.numbers, name)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the tracks of some rows."""
@@ -269,7 +269,7 @@ class TrackBatch:
             outlines_offset,
             outlines_m,
             self.tolerances[rows],
-            self.words[rows],
+            self.numbers[rows],
             self.departs.take(rows),
         )
 

@@ -62,7 +62,7 @@ class Pieces:
     leg_start_us, leg_end_us : (n,) int64   tracks: the whole leg that the slice is cut from (areas: 0)
     leg_start_deg, leg_end_deg : (n, 2) float64   tracks: longitude (unwrapped, not shifted) and latitude (areas: 0)
     bearing_deg : (n,) float64    tracks: heading of the haven, clockwise from north (areas: 0)
-    class_number, owner_number : (n,) int64   of class and owner of the object (`words`), 0 without
+    class_number, owner_number : (n,) int64   of class and owner of the object (`column_numbers`), 0 without
     """
 
     piece_id: NDArray[np.int64]

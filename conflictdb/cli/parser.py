@@ -26,7 +26,7 @@ from conflictdb.cli.values import (
     speed_kn,
     zone,
 )
-from conflictdb.core.memory import MEMORY_MB
+from conflictdb.core.memory_budget import MEMORY_MB
 from conflictdb.model.methods import Method
 from conflictdb.model.settings import Setting, SettingType
 

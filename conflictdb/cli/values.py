@@ -9,7 +9,7 @@ from sys import float_info
 from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from conflictdb.core.memory import LEAST_MEMORY_MB
+from conflictdb.core.memory_budget import LEAST_MEMORY_MB
 from conflictdb.model.methods import REMOVED
 
 # What a table of conflicts shows on request.

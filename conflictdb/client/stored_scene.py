@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, Unpack
 import psycopg
 
 from conflictdb import store
-from conflictdb.core.memory import LEAST_MEMORY_MB, MEMORY_MB
+from conflictdb.core.memory_budget import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.jobs import follow_attached
 from conflictdb.model.results import (

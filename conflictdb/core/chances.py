@@ -1,7 +1,7 @@
 """How likely conflicts are if departures are uncertain: bounds from above and below.
 
 A track departs X later than planned, whole plan and all. X is normal, uniform or empirical, and independent of those of
-other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`stages.delays`), whose outer
+other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`core.delays`), whose outer
 intervals give the bound from above, and whose inner intervals that from below. A separation in time is part of them.
 
 The work is bounded: pairs and tracks share a number of values of distributions (`_Budget`). Where it does not suffice,

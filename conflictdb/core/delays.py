@@ -18,7 +18,7 @@ from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.core.climbs import with_heights
-from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.near import FOREVER_US, Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
 from conflictdb.earth.geodesy import is_standing
@@ -74,7 +74,7 @@ class Spans:
 class Differences:
     """Changes of n pieces of tracks that bring them into contact with a piece of another object, in whole units.
 
-    Delays are in microseconds, speeds in millionths of a millionth of the planned one (`stages.speeds`).
+    Delays are in microseconds, speeds in millionths of a millionth of the planned one (`core.speeds`).
 
     track, other : (n,) numbers of the objects (`object_numbers`)
     low, high : (n,) outer intervals

@@ -49,31 +49,31 @@ def least_margins(setup: Setup, placed: Memory, tracks: TrackBatch, within_m: fl
     largest_m = setup.scene.largest_separation_m + within_m
     mine = pieces_of(setup.under(widened(setup.scene, largest_m)), AreaBatch.of([]), tracks)
     order = np.argsort(tracks.track_id)
-    owner = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
+    track_of = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
     parts = [
-        _of_some(setup, placed, mine.take(rows), owner[rows] - first, within_m)
+        _of_some(setup, placed, mine.take(rows), track_of[rows] - first, within_m)
         for first in range(0, max(len(tracks), 1), _AT_ONCE)
-        for rows in [np.flatnonzero((first <= owner) & (owner < first + _AT_ONCE))]
+        for rows in [np.flatnonzero((first <= track_of) & (track_of < first + _AT_ONCE))]
     ]
     margin_m, error_m = (np.concatenate(some)[: len(tracks)] for some in zip(*parts, strict=True))
     return margin_m, error_m
 
 
 def _of_some(
-    setup: Setup, placed: Memory, mine: Pieces, owner: NDArray[np.int64], within_m: float
+    setup: Setup, placed: Memory, mine: Pieces, track_of: NDArray[np.int64], within_m: float
 ) -> tuple[Floats, Floats]:
-    """Return least margins of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
+    """Return least margins of tracks by the number (n,) of the track of each of their pieces, and the errors."""
     plane, separations = setup.plane, Separations.of(setup.scene)
-    both, a, b = placed.beside(mine, Question.of(setup.scene)._replace(within_m=within_m))
+    both, a, b = placed.beside(mine, Question.of(setup.scene))
     if (separations.of_types == 0).all():
-        return _of_pairs(plane, separations.settings[0], both, a, b, owner, within_m)
+        return _of_pairs(plane, separations.settings[0], both, a, b, track_of, within_m)
     types, found = separations.types(both.kind, both.class_number), []
     for settings in separations.settings:
         few = np.flatnonzero(separations.have(settings)[types[a], types[b]])
         own = separations.of_settings(settings, both)
         one, other = PieceRows(a[few]), PieceRows(b[few])
         one, other = pairs_together(own, one, other, settings.time_separation_us)
-        found.append(_of_pairs(plane, settings, own, one, other, owner, within_m))
+        found.append(_of_pairs(plane, settings, own, one, other, track_of, within_m))
     margins_m, errors_m = (np.array(some) for some in zip(*found, strict=True))
     least_m = margins_m.min(axis=0)
     lowest_m, highest_m = (margins_m - errors_m).min(axis=0), (margins_m + errors_m).min(axis=0)
@@ -88,7 +88,7 @@ def _of_pairs(
     pieces: Pieces,
     a: PieceRows,
     b: PieceRows,
-    owner: NDArray[np.int64],
+    track_of: NDArray[np.int64],
     within_m: float,
 ) -> tuple[Floats, Floats]:
     """Return least margins of tracks in pairs of one required separation, and the errors."""
@@ -98,17 +98,17 @@ def _of_pairs(
     of_tracks = ~covered & (pieces.kind[b] == Kind.TRACK.code) & (within_us > 0)
     one, other = (PieceRows(member[~covered & ~of_tracks]) for member in (a, b))
     lasting = with_wide_areas(pieces, within_us) if within_us else pieces
-    found = _closest(plane, lasting, one, other, owner[one], limit_m)
+    found = _closest(plane, lasting, one, other, track_of[one], limit_m)
     is_unknown = np.isnan(found.distance_m)
-    is_unknown[owner[a[covered]]] = True
+    is_unknown[track_of[a[covered]]] = True
     distance_m = np.where(is_unknown, 0.0, found.distance_m)
     error_m = np.where(is_unknown, np.inf, np.where(np.isinf(distance_m), 0.0, found.error_m))
     if of_tracks.any():
         one, other = PieceRows(a[of_tracks]), PieceRows(b[of_tracks])
         low_m, high_m = distance_m - error_m, distance_m + error_m
         prepared = kernel.KernelScene(plane.kernel_plane, pieces, one, other)
-        for track in np.unique(owner[one]).tolist():
-            rows = np.flatnonzero(owner[one] == track)
+        for track in np.unique(track_of[one]).tolist():
+            rows = np.flatnonzero(track_of[one] == track)
             own = least_reach(prepared, PieceRows(one[rows]), PieceRows(other[rows]), within_us, limit_m, _AIM_M)
             low_m[track], high_m[track] = min(low_m[track], own[0]), min(high_m[track], own[1])
         is_open = np.isinf(high_m) & np.isfinite(low_m)

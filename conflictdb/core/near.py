@@ -1,6 +1,6 @@
 """Which pairs of pieces may meet: one question (`Question`), put to a source of pairs (`PairSource`).
 
-`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`Stored` of `db.sources`).
+`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`Stored` of `jobs.sources`).
 `Together` has given plans beside others.
 """
 
@@ -18,7 +18,7 @@ from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.core.members import Member, Members
-from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.core.separations import Separations
 from conflictdb.core.stage1_broad_phase import batches, candidates, pairs_together, rows_of
@@ -42,8 +42,8 @@ class Question(NamedTuple):
     earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
     each_way : also the mirror images of pairs of which both are mine
     any_height : pairs need not share heights
-    within_m : pairs come this near, metres, beyond the separation that hulls are padded for; whoever asks gives pieces
-        that are padded for it (`Memory.beside`)
+
+    It has no distance: hulls are padded for the separations of their settings, `margins.widened` for a larger distance.
     """
 
     mine: _Ints | None = None
@@ -51,7 +51,6 @@ class Question(NamedTuple):
     later_us: int | _Ints = 0
     each_way: bool = False
     any_height: bool = False
-    within_m: float = 0.0
 
     @classmethod
     def of(cls, scene: Scene) -> Self:
@@ -209,7 +208,7 @@ class Memory:
     def beside(self, given: Pieces, question: Question) -> tuple[Pieces, PieceRows, PieceRows]:
         """Return given pieces followed by these, and the pairs (a, b) of a given one with one of another object here.
 
-        given : of objects with the numbers that they have here, padded for the distance of the question
+        given : of objects with the numbers that they have here, padded for the distance that is asked about
         """
         row, other = self._tree.pairs(rows_of(given), question.within_us)
         others = object_numbers(given)[row] != self.number[other]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.arrays.column_numbers import numbers_of_words
 from conflictdb.arrays.pieces import HEIGHT_ROUNDING_M, PieceRows, Pieces
-from conflictdb.arrays.words import numbers_of_words
 from conflictdb.core.stage1_broad_phase import pairs_together
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Kind

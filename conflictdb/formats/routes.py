@@ -141,21 +141,21 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     positions: list[tuple[float, float]] = [(points[0].lon_deg, points[0].lat_deg)]
     times = [arrivals[0]]
     # The waypoint to which each leg of the track leads.
-    owner: list[int] = []
+    leads_to: list[int] = []
     for i, line in enumerate(lines, 1):
         if departures[i - 1] > arrivals[i - 1]:
             positions.append(positions[-1])
             times.append(departures[i - 1])
-            owner.append(i - 1)
+            leads_to.append(i - 1)
         shares = np.cumsum(line.lengths_m) / (line.length_m or 1.0)
         begin, end = departures[i - 1], arrivals[i]
         times += [begin + round((end - begin) * float(share)) for share in shares[:-1]] + [end]
         positions += [(float(lon), float(lat)) for lon, lat in line.positions_deg]
-        owner += [i] * len(line.lengths_m)
+        leads_to += [i] * len(line.lengths_m)
     if departures[-1] > arrivals[-1]:
         positions.append(positions[-1])
         times.append(departures[-1])
-        owner.append(len(points) - 1)
+        leads_to.append(len(points) - 1)
     if not MIN_INSTANT_US <= min(times) <= max(times) <= MAX_INSTANT_US:
         raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
     lonlat = np.array(positions, np.float64)
@@ -163,7 +163,7 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
         # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
         lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
     members: dict[str, Any] = {"outline_m": _haven(deviation_m), "name": route.name}
-    members["tolerances"] = _tolerances(who, points, lonlat, times, owner) or None
+    members["tolerances"] = _tolerances(who, points, lonlat, times, leads_to) or None
     members |= {
         "properties": route.properties,
         "legs": _legs(route),
@@ -196,13 +196,13 @@ def _tolerances(
     points: Sequence[Waypoint],
     lonlat: NDArray[np.float64],
     times_us: Sequence[int],
-    owner: Sequence[int],
+    leads_to: Sequence[int],
 ) -> dict[str, Any]:
     """Return how far voyages may differ from the plan, as members of a track; empty if nothing is said.
 
     A ship that may be early or late at waypoints is within the plan moved by the largest of these.
 
-    owner : the waypoint to which each leg leads; a stay's is its own, with the wider limits of the legs around it
+    leads_to : the waypoint to which each leg leads; a stay's is its own, with the wider limits of the legs around it
     """
     found: dict[str, Any] = {}
     is_stay = (lonlat[1:] == lonlat[:-1]).all(axis=1).tolist()
@@ -211,11 +211,11 @@ def _tolerances(
         wider = [max(one, after) for one, after in zip(limits, [*limits[1:], 0.0], strict=True)]
         if any(limits[1:]):
             found[f"xtd_{side}"] = [
-                wider[of] if stays else limits[of] for of, stays in zip(owner, is_stay, strict=True)
+                wider[of] if stays else limits[of] for of, stays in zip(leads_to, is_stay, strict=True)
             ]
     turns = [
         points[of].radius_m if of != after and not stays else 0.0
-        for (of, after), stays in zip(pairwise(owner), map(any, pairwise(is_stay)), strict=True)
+        for (of, after), stays in zip(pairwise(leads_to), map(any, pairwise(is_stay)), strict=True)
     ]
     if any(turns):
         found["turn_radius_m"] = turns
@@ -227,12 +227,12 @@ def _tolerances(
         earth = geodesy.earth_of(EarthModel.WGS84)
         length_m = geodesy.rhumb_distance(earth, *lonlat[:-1].T, *lonlat[1:].T)
         speed_kn = length_m / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
-        window = np.array([points[of].speed_window_kn for of in owner])
+        window = np.array([points[of].speed_window_kn for of in leads_to])
         slowest_kn = np.maximum(speed_kn - window, 0.0)
         # A stay takes its time, whatever these bounds are.
         slowest_kn[is_stay] = _LEAST_SPEED_KN
         if not late_us and not early_us and (slowest_kn == 0.0).any():
-            where = points[owner[int(np.argmin(slowest_kn))]].name
+            where = points[leads_to[int(np.argmin(slowest_kn))]].name
             rule = "is at least the planned speed: the ship might never arrive; give a window of the arrival, too"
             raise InvalidInput(who, f"{where}, speedWindow", rule)
         found["min_speed_kn"] = slowest_kn.tolist()

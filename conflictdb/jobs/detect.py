@@ -27,7 +27,7 @@ from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.funnel import Funnel, Progress
-from conflictdb.core.memory import MEMORY_MB, MemoryBudget
+from conflictdb.core.memory_budget import MEMORY_MB, MemoryBudget
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.run import run_scene
 from conflictdb.core.separations import Separations

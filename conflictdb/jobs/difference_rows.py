@@ -16,7 +16,7 @@ from conflictdb import store
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core import near
 from conflictdb.core.delays import differences_with
-from conflictdb.core.memory import MemoryBudget
+from conflictdb.core.memory_budget import MemoryBudget
 from conflictdb.core.object_pairs import object_numbers
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup

@@ -23,7 +23,7 @@ from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.core.memory import MEMORY_MB, MemoryBudget
+from conflictdb.core.memory_budget import MEMORY_MB, MemoryBudget
 from conflictdb.errors import InvalidInput
 from conflictdb.jobs.detect import refresh_pieces
 from conflictdb.jobs.difference_rows import refresh_differences

@@ -16,7 +16,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.core.conflicts_between import bounded, conflicts_between
 from conflictdb.core.members import Members, by_kind
-from conflictdb.core.memory import MEMORY_MB, MemoryBudget
+from conflictdb.core.memory_budget import MEMORY_MB, MemoryBudget
 from conflictdb.core.run import run_scene
 from conflictdb.core.to_results import to_results
 from conflictdb.core.world import World, is_within, occupy

@@ -16,7 +16,7 @@ from conflictdb import store
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
-from conflictdb.core.memory import DEFAULT_MEMORY, MemoryBudget
+from conflictdb.core.memory_budget import DEFAULT_MEMORY, MemoryBudget
 from conflictdb.core.near import Chunk, Question
 from conflictdb.core.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.core.separations import NEVER, Separations

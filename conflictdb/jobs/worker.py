@@ -19,7 +19,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb import store
-from conflictdb.core.memory import MEMORY_MB
+from conflictdb.core.memory_budget import MEMORY_MB
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.jobs import detect, probes, schema
 

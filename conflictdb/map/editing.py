@@ -16,7 +16,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.jobs import probes
 from conflictdb.jobs.detect import detect
-from conflictdb.jobs.track_delays import read_around
+from conflictdb.jobs.plans_near import read_around
 from conflictdb.map.content import to_json
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later

@@ -19,7 +19,7 @@ from conflictdb.core.separations import Separations
 from conflictdb.core.world import Reach
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.jobs.track_delays import read_departing, read_near
+from conflictdb.jobs.plans_near import read_departing, read_near
 from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
 from conflictdb.memory.questions import numbered

@@ -6,12 +6,14 @@ frames, requests, attached tables, branches, digests and the reference loop over
 - add a row here, at the end
 - a revision: the column of the tables, and an attribute of the type `attached_plan`
 - run `./run python docs/plan_sql.py`: it rewrites the lists in sql/
-- act on it: in `occupy`, or in the rule of a pair
+- act on it: where objects are cut (core/pieces), or in the rule of a pair, which reads pieces, not plans;
+  CONTRIBUTING.md lists the files of a column of pieces
 - model/plans.py: a field of `Area` or `Track`, for type checkers (without it the class has the field too)
 
-A column of a plain form (TEXT, WORD, NUMBER, DOCUMENT) needs no more. One of the form OWN needs a codec of its own in
-arrays/arrow/object_rows.py, formats/file_objects.py, store/stored_objects.py and docs/plan_sql.py, and a digest in
-core/pieces/digests.py; so does a DOCUMENT that changes answers.
+A column of a plain form (TEXT, WORD, NUMBER, DOCUMENT) needs no more: batches of objects have it, see
+`arrays.column_numbers`. One of the form OWN needs a codec of its own in arrays/arrow/object_rows.py,
+formats/file_objects.py, store/stored_objects.py and docs/plan_sql.py, and a digest in core/pieces/digests.py; so does a
+DOCUMENT that changes answers.
 """
 
 import json
@@ -138,7 +140,7 @@ _AREA: Final = frozenset({AREA})
 _TRACK: Final = frozenset({TRACK})
 _BOTH: Final = frozenset(KINDS)
 _SIDES: Final = tuple(f"{side}_{unit}" for side in ("fore", "aft", "port", "starboard") for unit in ("m", "nmi"))
-_METRES: Final = "double precision"
+_DOUBLE: Final = "double precision"
 
 # In the order of the parameters of put_area and put_track, and of all lists in sql/.
 PLAN_COLUMNS: Final = (
@@ -160,11 +162,11 @@ PLAN_COLUMNS: Final = (
         python=("outline_m",), arrow=("outline_m",), members=("outline_m", *_SIDES), sqlstate="ZC006", default="",
     ),
     PlanColumn(
-        "floor_m", _BOTH, Form.NUMBER, _METRES, "Lowest height above the vertical datum; null: no limit.", "m",
+        "floor_m", _BOTH, Form.NUMBER, _DOUBLE, "Lowest height above the vertical datum; null: no limit.", "m",
         check=in_its_plan, sqlstate="ZC004",
     ),
     PlanColumn(
-        "ceiling_m", _BOTH, Form.NUMBER, _METRES, "Height that it stays below; null: no limit.", "m",
+        "ceiling_m", _BOTH, Form.NUMBER, _DOUBLE, "Height that it stays below; null: no limit.", "m",
         check=in_its_plan, sqlstate="ZC004",
     ),
     PlanColumn("name", _BOTH, Form.TEXT, "text", "Display name; null: none.", changes_answers=False),
@@ -173,7 +175,7 @@ PLAN_COLUMNS: Final = (
         changes_answers=False, sqlstate="ZC012", default="'{}'",
     ),
     PlanColumn(
-        "grow_mps", _TRACK, Form.NUMBER, _METRES, "Speed at which every side of the haven moves outward.", "m/s",
+        "grow_mps", _TRACK, Form.NUMBER, _DOUBLE, "Speed at which every side of the haven moves outward.", "m/s",
         check=in_its_plan, sqlstate="ZC006", absent=0.0, default="0",
     ),
     PlanColumn(

@@ -47,7 +47,7 @@ TIMES: Final = pa.schema([pa.field("start_us", pa.int64()), pa.field("end_us", p
 # Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
 # (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need, or the plan of a track with
 # tolerances. Each object also has a row of its
-# own, with kind, key, number, version and digest (`stages.pieces.digests`), its outline if that is large, and what is
+# own, with kind, key, number, version and digest (`core.pieces.digests`), its outline if that is large, and what is
 # to be said of its schedule. A refused object is a row with only `refused`: JSON with key, field and rule.
 SCHEMA: Final = pa.schema(
     [

@@ -21,7 +21,7 @@ from pyspark.sql.types import BinaryType
 from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.object_rows import OBJECTS
-from conflictdb.core.memory import MEMORY_MB, MemoryBudget
+from conflictdb.core.memory_budget import MEMORY_MB, MemoryBudget
 from conflictdb.core.world import horizon, hull
 from conflictdb.earth.registry import middle_deg, summed_directions
 from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning

@@ -16,9 +16,9 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import NUMBERED
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.words import WORDS
 from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.model.plans import heights_of_legs
 from conflictdb.model.results import Kind
@@ -42,8 +42,8 @@ from conflictdb.store.stored_objects import (
 # Pieces encoded at once: some megabytes, and many per COPY.
 _PIECES_SENT: Final = 20_000
 # The columns of _area_row and _track_row, besides strings.
-AREA_ROW: Final = [*AREA_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.AREA])]
-TRACK_ROW: Final = [*TRACK_COLUMNS, *((f"{one.name}_number", "i8") for one in WORDS[Kind.TRACK])]
+AREA_ROW: Final = [*AREA_COLUMNS, *((f"{one.name}_number", "i8") for one in NUMBERED[Kind.AREA])]
+TRACK_ROW: Final = [*TRACK_COLUMNS, *((f"{one.name}_number", "i8") for one in NUMBERED[Kind.TRACK])]
 # Smaller than every object id.
 _FIRST: Final = -(2**63)
 
@@ -93,13 +93,13 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         ),
         _height(columns["floor_m"], -np.inf),
         _height(columns["ceiling_m"], np.inf),
-        _words(Kind.AREA, columns),
+        _numbers(Kind.AREA, columns),
     )
 
 
-def _words(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
-    """Return the numbers (n, k) of WORDS in rows."""
-    return np.column_stack([columns[f"{one.name}_number"] for one in WORDS[kind]])
+def _numbers(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return the numbers (n, k) of NUMBERED in rows."""
+    return np.column_stack([columns[f"{one.name}_number"] for one in NUMBERED[kind]])
 
 
 def _height(heights_m: NDArray[np.float64], unbounded: float) -> NDArray[np.float64]:
@@ -146,7 +146,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         outlines_offset,
         outlines_m,
         tolerances,
-        _words(Kind.TRACK, columns),
+        _numbers(Kind.TRACK, columns),
         decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
     )
 

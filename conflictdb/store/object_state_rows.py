@@ -7,8 +7,8 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import NUMBERED, number_of
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
-from conflictdb.arrays.words import WORDS, number_of
 from conflictdb.core.pieces.digests import area_digests, track_digests
 from conflictdb.model.results import Kind
 from conflictdb.store import copy_binary
@@ -72,10 +72,10 @@ def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
 def _with_numbers(
     kind: Kind, columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
 ) -> dict[str, NDArray[Any]]:
-    """Return columns with the numbers of WORDS."""
+    """Return columns with the numbers of NUMBERED."""
     numbers = {
         f"{one.name}_number": [number_of(value, one.form) for value in values_of_rows(one, columns, strings)]
-        for one in WORDS[kind]
+        for one in NUMBERED[kind]
     }
     return columns | {name: np.array(each, np.int64) for name, each in numbers.items()}
 

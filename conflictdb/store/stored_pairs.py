@@ -12,9 +12,9 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import numbers_of_words
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Bundles
-from conflictdb.arrays.words import numbers_of_words
 from conflictdb.kernel.boxes import RowBoxes
 from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4be38a1c3ab962cc4f4d277712c3f4be81f09d682aa0690b6bcd00bb3bf356f8"
+routines_sha256 = "b968d8c7289cb0d70c44a4cf22b9057d09fe666ecf6314b49d5b757276ffcf23"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

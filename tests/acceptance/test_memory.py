@@ -7,7 +7,7 @@ import shapely
 from psycopg import Connection
 
 from conflictdb import store
-from conflictdb.core.memory import LEAST_MEMORY_MB, MemoryBudget
+from conflictdb.core.memory_budget import LEAST_MEMORY_MB, MemoryBudget
 from conflictdb.model.plans import Area, Scene
 
 AREAS = 700  # 244,650 pairs, all meet: several chunks at the least memory, hundreds of megabytes at once

@@ -16,7 +16,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core import near
-from conflictdb.core.memory import DEFAULT_MEMORY, MemoryBudget
+from conflictdb.core.memory_budget import DEFAULT_MEMORY, MemoryBudget
 from conflictdb.core.near import Chunk, PairSource, Question
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.plane import Plane

@@ -15,7 +15,7 @@ import psycopg
 import pytest
 import shapely
 
-from conflictdb.arrays.words import numbers_of_words
+from conflictdb.arrays.column_numbers import numbers_of_words
 from conflictdb.core.separations import NEVER, Separations
 from conflictdb.kernel.boxes import RowBoxes, may_meet
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene

@@ -1,4 +1,4 @@
-"""The contract of every source of pairs (`stages.near.PairSource`): the pairs of brute force, the same rows."""
+"""The contract of every source of pairs (`core.near.PairSource`): the pairs of brute force, the same rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -18,7 +18,7 @@ from sources import few_changes
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.near import Chunk, Question
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.stage2_intersection import intersections

@@ -20,7 +20,7 @@ from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangl
 from conflictdb.cli.codes import DONE
 from conflictdb.client.database import Database
 from conflictdb.client.stored_scene import StoredScene
-from conflictdb.jobs.track_delays import read_departing
+from conflictdb.jobs.plans_near import read_departing
 from conflictdb.model.results import Certainty, Kind
 
 WORKLOAD = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))

@@ -16,7 +16,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
-from conflictdb.core.memory import MemoryBudget
+from conflictdb.core.memory_budget import MemoryBudget
 
 EXPECTED = {
     ("CABLE", "SUB-1"),

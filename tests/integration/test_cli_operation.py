@@ -23,7 +23,7 @@ from conflictdb.jobs import schema
 _LIBRARIES = {"numpy", "scipy", "shapely", "alembic", "sqlalchemy", "pyarrow", "pandas", "lxml"}
 _ROOMS = {"arrays", "core", "earth", "exchange", "formats", "kernel", "map", "memory", "plot", "spark"}
 _READERS = {f"conflictdb.formats.{name}" for name in ("conflict_gpx", "conflict_ics", "conflict_text", "json_text")} | {
-    "conflictdb.core", "conflictdb.core.memory", "conflictdb.formats", "conflictdb.formats.writing",
+    "conflictdb.core", "conflictdb.core.memory_budget", "conflictdb.formats", "conflictdb.formats.writing",
 }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from conflictdb import InvalidInput, connect, store
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.core import pair_differences
 from conflictdb.core.delays import Differences, Leeway, delays_of
-from conflictdb.core.memory import MemoryBudget
+from conflictdb.core.memory_budget import MemoryBudget
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup
 from conflictdb.jobs import difference_rows, import_computed, probes, schema

@@ -11,8 +11,8 @@ from mixed_scenes import plain_scene
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
 
 from conflictdb import store
-from conflictdb.arrays.words import numbers_of_words
-from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.arrays.column_numbers import numbers_of_words
+from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.near import Question
 from conflictdb.errors import StoreError
 from conflictdb.jobs import sources

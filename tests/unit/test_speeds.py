@@ -26,7 +26,7 @@ from conflictdb import (
     speeds,
 )
 from conflictdb.core import delays as stage_of_delays
-from conflictdb.core.memory import DEFAULT_MEMORY
+from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.pieces import covers
 from conflictdb.model.rules import Rule
 

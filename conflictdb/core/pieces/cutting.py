@@ -75,13 +75,13 @@ def check_plane(
 def _checked_areas(plane: Plane, areas: Sequence[Area]) -> NDArray[np.object_]:
     """Return footprints of areas in the plane; raises InvalidInput for the first that does not fit it."""
     footprints = np.array([area.footprint for area in areas], dtype=object)
-    corners, owner = shapely.get_coordinates(footprints, return_index=True)
+    corners, row_of = shapely.get_coordinates(footprints, return_index=True)
     x, y, holds = plane.project(*corners.T)
     if not holds.all():
-        raise InvalidInput(f"area {areas[owner[~holds][0]].key!r}", "geometry", plane.limit)
+        raise InvalidInput(f"area {areas[row_of[~holds][0]].key!r}", "geometry", plane.limit)
     flat = shapely.set_coordinates(footprints.copy(), np.stack([x, y], axis=1))
     if not plane.turn_m:
-        flat = _stitched(flat, corners, owner)
+        flat = _stitched(flat, corners, row_of)
     for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
         if not is_thread(flat[i]):
             why = shapely.is_valid_reason(flat[i]).split("[")[0]
@@ -101,12 +101,12 @@ def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]
     return flat if plane.turn_m else _stitched(flat, *shapely.get_coordinates(footprints, return_index=True))
 
 
-def _stitched(flat: NDArray[np.object_], lonlat: Floats, owner: NDArray[np.int64]) -> NDArray[np.object_]:
+def _stitched(flat: NDArray[np.object_], lonlat: Floats, row_of: NDArray[np.int64]) -> NDArray[np.object_]:
     """Return footprints in a plane without seam, with parts cut at +-180 degrees or along a pole joined again.
 
-    lonlat, owner : (v, 2) their corners in degrees, and the row (v,) of each
+    lonlat, row_of : (v, 2) their corners in degrees, and the row (v,) of each
     """
-    cut = owner[(np.remainder(lonlat[:, 0], 360.0) == 180.0) | (np.abs(lonlat[:, 1]) == 90.0)]
+    cut = row_of[(np.remainder(lonlat[:, 0], 360.0) == 180.0) | (np.abs(lonlat[:, 1]) == 90.0)]
     if not cut.size:
         return flat
     whole = flat.copy()
@@ -125,22 +125,22 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         # GEOS drops such corners from hulls, which are then too small.
         if not np.isfinite(shapely.get_coordinates(flat)).all():
             raise ValueError("a corner has no place in the plane")
-    owner, xy, offset = convex_parts(flat)
-    n = len(owner)
+    row_of, xy, offset = convex_parts(flat)
+    n = len(row_of)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
         piece_id=np.full(n, -1, np.int64),
         kind=np.full(n, Kind.AREA.code, np.int8),
-        object_id=areas.area_id[owner],
-        version=areas.version[owner],
-        part=_numbered(owner),
+        object_id=areas.area_id[row_of],
+        version=areas.version[row_of],
+        part=_numbered(row_of),
         turn=np.zeros(n, np.int16),
         start_us=none_us,
         end_us=none_us,
         end_inclusive=np.zeros(n, np.bool_),
-        floor_m=areas.floor_m[owner],
-        ceiling_m=areas.ceiling_m[owner],
-        climb_m=level_m(areas.floor_m[owner], areas.ceiling_m[owner]),
+        floor_m=areas.floor_m[row_of],
+        ceiling_m=areas.ceiling_m[row_of],
+        climb_m=level_m(areas.floor_m[row_of], areas.ceiling_m[row_of]),
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
         shape_xy=xy,
@@ -151,8 +151,8 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
-        class_number=areas.class_number[owner],
-        owner_number=areas.owner_number[owner],
+        class_number=areas.class_number[row_of],
+        owner_number=areas.owner_number[row_of],
     )
     hulls = kernel.hulls(setup.plane.kernel_plane, pieces, setup.scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
@@ -229,23 +229,23 @@ def _repeated(pieces: Pieces, ids: NDArray[np.int64], activations: Activations) 
     ids : (n,) of the objects, whose activations these are
     """
     by_id = np.argsort(ids, kind="stable")
-    owner = by_id[np.searchsorted(ids, pieces.object_id, sorter=by_id)]
+    row_of = by_id[np.searchsorted(ids, pieces.object_id, sorter=by_id)]
     offset = activations.offset
-    count = np.diff(offset)[owner]
+    count = np.diff(offset)[row_of]
     if (count == 1).all():
-        return pieces, offset[owner]
+        return pieces, offset[row_of]
     parts = np.zeros(len(ids), np.int64)
-    np.maximum.at(parts, owner, pieces.part + 1)
+    np.maximum.at(parts, row_of, pieces.part + 1)
     most = int((parts * np.diff(offset)).max(initial=0))
     if most > MAX_PIECES:
         raise OverflowError(f"an object needs more than {MAX_PIECES:,} pieces")
     rows = np.repeat(np.arange(len(pieces)), count)
     nth = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
-    part = pieces.part[rows] + nth * parts[owner[rows]]
+    part = pieces.part[rows] + nth * parts[row_of[rows]]
     # As without activations: copies after originals, then by object and part.
-    order = np.lexsort((part, owner[rows], -pieces.turn[rows]))
+    order = np.lexsort((part, row_of[rows], -pieces.turn[rows]))
     rows, nth = rows[order], nth[order]
-    return replace(pieces.take(rows), part=part[order].astype(np.int32)), offset[owner[rows]] + nth
+    return replace(pieces.take(rows), part=part[order].astype(np.int32)), offset[row_of[rows]] + nth
 
 
 def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
@@ -381,15 +381,15 @@ def _counter_clockwise(
     offset: NDArray[np.int64], start: Floats, end: Floats
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Return outlines (at the start and end of legs) turned counter-clockwise; identical arrays stay identical."""
-    owner = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
+    row_of = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
     after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]
     doubled = np.zeros(len(offset) - 1)
     # Both ends turn the same way, if they are more than a line: a haven that stays convex does not turn over.
     for outline in (start,) if end is start else (start, end):
-        np.add.at(doubled, owner, outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0])
-    mirrored = offset[:-1][owner] + offset[1:][owner] - 1 - np.arange(len(start))
-    order = np.where((doubled < 0.0)[owner], mirrored, np.arange(len(start)))
+        np.add.at(doubled, row_of, outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0])
+    mirrored = offset[:-1][row_of] + offset[1:][row_of] - 1 - np.arange(len(start))
+    order = np.where((doubled < 0.0)[row_of], mirrored, np.arange(len(start)))
     turned = start[order]
     return offset, turned, turned if end is start else end[order]
 
@@ -428,10 +428,10 @@ def with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     return Pieces.concatenate(found)
 
 
-def _numbered(owner: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return for sorted owners the running number within each."""
-    if not len(owner):
+def _numbered(row_of: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return for sorted rows the running number within each."""
+    if not len(row_of):
         return np.empty(0, np.int32)
-    is_new = np.ones(len(owner), np.bool_)
-    np.not_equal(owner[1:], owner[:-1], out=is_new[1:])
-    return (np.arange(len(owner)) - is_new.nonzero()[0][is_new.cumsum() - 1]).astype(np.int32)
+    is_new = np.ones(len(row_of), np.bool_)
+    np.not_equal(row_of[1:], row_of[:-1], out=is_new[1:])
+    return (np.arange(len(row_of)) - is_new.nonzero()[0][is_new.cumsum() - 1]).astype(np.int32)

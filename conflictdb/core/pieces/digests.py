@@ -28,7 +28,7 @@ def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
     # The counts make the concatenation unambiguous.
     counts = np.column_stack([np.diff(offset), np.diff(active.offset)])
     return _digests(
-        [_fixed(counts), _ragged(active.at_us, active.offset), _fixed(measures), _fixed(areas.words), outline],
+        [_fixed(counts), _ragged(active.at_us, active.offset), _fixed(measures), _fixed(areas.numbers), outline],
     )
 
 
@@ -46,7 +46,7 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
         [
             _fixed(counts),
             _fixed(tracks.grow_mps[:, None]),
-            _fixed(tracks.words),
+            _fixed(tracks.numbers),
             _ragged(tracks.positions_deg, way),
             _ragged(tracks.times_us, way),
             _ragged(tracks.departs.at_us, tracks.departs.offset),

@@ -148,7 +148,7 @@ def with_ribbons(plane: Plane, tracks: TrackBatch) -> TrackBatch:
         outlines_offset=offsets([one.outlines_m[..., 0].size for one in ribbons]),
         outlines_m=stacked([one.outlines_m.reshape(-1, 2) for one in ribbons]),
         tolerances=np.full(len(of), None, object),
-        words=tracks.words[of],
+        numbers=tracks.numbers[of],
         departs=Activations.once(np.array([one.times_us[0] for one in ribbons], np.int64)),
     )
     return tracks.take(plain).followed_by(derived).take(np.argsort(np.concatenate([plain, of]), kind="stable"))

@@ -1,4 +1,4 @@
-"""Number the values of plain columns that change answers: words by their digests, as `_word_number` does in SQL.
+"""Give values of plain columns that change answers 64-bit numbers: a word its digest (`_word_number` in SQL).
 
 Words cost too much in arrays of pieces. The number of a number has its bits.
 """
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from conflictdb.model.plan_columns import Form, columns_of
 from conflictdb.model.rules import KINDS
 
-# Batches have arrays of these, which are no words.
+# Batches have arrays of these.
 _MEASURES: Final = ("floor_m", "ceiling_m", "grow_mps")
 # The columns of areas and tracks with a number: class, owner, and others of a plain form that change answers.
-WORDS: Final = {
+NUMBERED: Final = {
     kind: tuple(
         one
         for one in columns_of(kind, Form.TEXT, Form.WORD, Form.NUMBER)
@@ -43,10 +43,10 @@ def number_of(value: str | float | None, form: Form = Form.WORD) -> int:
     return int.from_bytes(md5(str(value).encode(), usedforsecurity=False).digest()[:8], signed=True)
 
 
-def values_in(kind: str, words: NDArray[np.int64], name: str) -> NDArray[np.float64]:
-    """Return the values (n,) of a column of numbers in words (n, k) of WORDS; NaN: none."""
-    place = [column.name for column in WORDS[kind]].index(name)
-    return np.ascontiguousarray(words[:, place]).view(np.float64)
+def values_in(kind: str, numbers: NDArray[np.int64], name: str) -> NDArray[np.float64]:
+    """Return the values (n,) of a column of the form NUMBER in numbers (n, k) of NUMBERED; NaN: none."""
+    place = [column.name for column in NUMBERED[kind]].index(name)
+    return np.ascontiguousarray(numbers[:, place]).view(np.float64)
 
 
 def numbers_of_words(words: Sequence[str | None]) -> NDArray[np.int64]:
@@ -55,6 +55,6 @@ def numbers_of_words(words: Sequence[str | None]) -> NDArray[np.int64]:
 
 
 def numbers_of_plans(kind: str, plans: Sequence[Any]) -> NDArray[np.int64]:
-    """Return the numbers (n, k) of the values of WORDS of areas or tracks."""
-    numbers = [[number_of(getattr(one, column.field), column.form) for column in WORDS[kind]] for one in plans]
-    return np.array(numbers, np.int64).reshape(len(plans), len(WORDS[kind]))
+    """Return the numbers (n, k) of the values of NUMBERED of areas or tracks."""
+    numbers = [[number_of(getattr(one, column.field), column.form) for column in NUMBERED[kind]] for one in plans]
+    return np.array(numbers, np.int64).reshape(len(plans), len(NUMBERED[kind]))
