@@ -578,27 +578,38 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Raises ZC003 or ZC002 unless M (Unix seconds) lies in the years 1 to 9999 and increases by at least a microsecond.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._check_speed(p_who text, p_path geometry) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._faster_leg(
+    p_path geometry, p_most_kn double precision, OUT leg integer, OUT kn double precision
+)
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Relative slack; SPEED_SLACK in conflictdb.speeds.
     c_slack CONSTANT double precision := 0.01;
+BEGIN
+    SELECT l.n, l.kn INTO leg, kn
+        FROM (SELECT w.n, ST_DistanceSphere(lag(w.geom) OVER o, w.geom) / 1852.0 * 3600 / (w.s - lag(w.s) OVER o) AS kn
+              FROM (SELECT d.path[1] - 1 AS n, d.geom, ST_M(d.geom) AS s FROM ST_DumpPoints(p_path) d) w
+              WINDOW o AS (ORDER BY w.n)) l
+        WHERE l.kn > p_most_kn * (1 + c_slack) ORDER BY l.n LIMIT 1;
+END
+$$;
+COMMENT ON FUNCTION _faster_leg(geometry, double precision) IS
+'The first leg of a path (M: Unix seconds, increasing) that is faster than p_most_kn along its great circle, by the '
+'number of its end from 0; null: none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_speed(p_who text, p_path geometry) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
     v_most_kn double precision := _limit('max_speed_kn');
     v_bad record;
 BEGIN
     IF v_most_kn = 'infinity' THEN
         RETURN;
     END IF;
-    WITH waypoint AS (
-        SELECT d.path[1] - 1 AS n, d.geom, ST_M(d.geom) AS s FROM ST_DumpPoints(p_path) d
-    ), leg AS (
-        SELECT w.n, ST_DistanceSphere(lag(w.geom) OVER o, w.geom) / 1852.0 * 3600 / (w.s - lag(w.s) OVER o) AS kn
-        FROM waypoint w WINDOW o AS (ORDER BY w.n)
-    )
-    SELECT l.* INTO v_bad FROM leg l WHERE l.kn > v_most_kn * (1 + c_slack) ORDER BY l.n LIMIT 1;
-    IF FOUND THEN
+    SELECT f.* INTO v_bad FROM _faster_leg(p_path, v_most_kn) f;
+    IF v_bad.leg IS NOT NULL THEN
         FOUND := _raise('ZC002', p_who, 'path',
-                        format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.n,
+                        format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.leg,
                                round(v_bad.kn::numeric), v_most_kn), 'path_speed_possible',
                         'If it is intended, raise the setting conflictdb.max_speed_kn, at most to its value in the '
                         'view conflictdb.limits.');

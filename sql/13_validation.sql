@@ -294,13 +294,14 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._is_usual_course(
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- A haven of 500 km does not reach a pole from 80 degrees.
-    SELECT p_motion = 'rhumb' AND p_max_speed_kn = 'infinity' AND ST_NPoints(p_path) BETWEEN 2 AND p_max_waypoints
+    SELECT p_motion = 'rhumb' AND ST_NPoints(p_path) BETWEEN 2 AND p_max_waypoints
            AND p_path @ ST_MakeEnvelope(-360, -80, 360, 80, 4326)
            -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
            AND ST_Length(p_path) < 'infinity' AND ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity'
            AND ST_M(ST_StartPoint(p_path)) >= -62135596800 AND ST_M(ST_EndPoint(p_path)) < 253402300800
            AND ST_NPoints(_in_microseconds(p_path)) = ST_NPoints(p_path)
            AND ST_IsValidTrajectory(_in_microseconds(p_path))
+           AND (p_max_speed_kn = 'infinity' OR (_faster_leg(p_path, p_max_speed_kn)).leg IS NULL)
            AND NOT ST_IsEmpty(p_outline) AND ST_NumInteriorRings(p_outline) = 0 AND ST_SRID(p_outline) = 0
            AND ST_NPoints(p_outline) <= 10001 AND p_outline @ ST_MakeEnvelope(-500000, -500000, 500000, 500000)
            AND ST_Length(ST_ExteriorRing(p_outline)) < 'infinity'

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b968d8c7289cb0d70c44a4cf22b9057d09fe666ecf6314b49d5b757276ffcf23"
+routines_sha256 = "bb13b7c5a62e8ce406de5b3fcc289c188513178734da29ec39c29225d65fd97f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -406,7 +406,7 @@ def test_undetected_objects_at_other_times_are_not_projected(db: Database, city:
 
 @pytest.mark.usefixtures("city")
 def test_an_answer_in_sql_has_a_bounded_number_of_conflicts(db: Database) -> None:
-    """79,800 of 400 plans: the refusal names the limit, nothing was put, and no more pairs were compared than needed."""
+    """79,800 of 400 plans: the refusal names the limit, nothing was put, and the comparison stopped there."""
     conn = db.connection
     message = "plans: have more than 50000 conflicts, the most that one answer may have: ask about fewer plans at once"
     with conn.transaction():

@@ -183,6 +183,20 @@ def test_an_administrator_sets_and_resets_a_limit(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.put_area('s', 'A', %s)", [SQUARE])
 
 
+def test_new_tracks_below_a_limit_of_speed_are_checked_together(conn: Conn) -> None:
+    """The limit is read once for all rows, each of which passes without the checks one by one."""
+    conn.execute("SELECT conflictdb.create_scene('s'); SET LOCAL track_functions = 'all'")
+    insert = f"""INSERT INTO conflictdb.track (scene_id, key, path, outline)
+                 SELECT s.scene_id, %s || n, {TRACK}, {POINT} FROM conflictdb.scene s, generate_series(1, 50) n"""
+    called = "SELECT funcname, calls FROM pg_stat_xact_user_functions WHERE funcname IN ('_limit', '_check_track_shape')"
+    conn.execute("SELECT conflictdb.set_limit('max_speed_kn', 60)")
+    conn.execute(insert.encode(), ["slow"])
+    assert conn.execute(called.encode()).fetchall() == [("_limit", 2)]
+    conn.execute("SELECT conflictdb.set_limit('max_speed_kn', 40)")
+    with pytest.raises(psycopg.Error, match=r"track 'fast1': path: the leg to times\[1\] .* 51 kn, beyond 40 kn"):
+        conn.execute(insert.encode(), ["fast"])
+
+
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
