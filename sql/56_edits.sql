@@ -216,6 +216,34 @@ $$;
 COMMENT ON FUNCTION _digest_of_batch(bytea, int8multirange) IS
 'Number of stored edits of a batch, and the SHA-256 of the digest of the batch before and of its edits in order.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._oldest_editor(p_snapshot pg_snapshot) RETURNS xid8
+LANGUAGE plpgsql VOLATILE STRICT SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
+DECLARE
+    v_oldest xid8;
+BEGIN
+    -- Locks are read once, so that those of a transaction are of one moment. A transaction without any has ended since
+    -- the snapshot, and may have edited. Whoever has a number of an edit keeps the lock on the table until it ends.
+    WITH lock AS MATERIALIZED (
+        SELECT l.virtualtransaction AS holder, l.transactionid,
+               l.locktype = 'relation' AND l.relation = 'edit'::regclass
+               AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
+               AS is_editing
+        FROM pg_catalog.pg_locks l WHERE l.granted AND (l.locktype = 'relation' OR l.mode = 'ExclusiveLock')
+    ), idle AS (
+        SELECT l.holder FROM lock l GROUP BY l.holder HAVING NOT bool_or(l.is_editing)
+    )
+    SELECT x INTO v_oldest
+        FROM pg_snapshot_xip(p_snapshot) x
+        WHERE x::xid NOT IN (SELECT l.transactionid FROM lock l JOIN idle i ON i.holder = l.holder
+                             WHERE l.transactionid IS NOT NULL)
+        ORDER BY x LIMIT 1;
+    RETURN coalesce(v_oldest, pg_snapshot_xmax(p_snapshot));
+END
+$$;
+COMMENT ON FUNCTION _oldest_editor(pg_snapshot) IS
+'The oldest transaction that was open in a snapshot and may have edited objects of this database; if there is none, '
+'the first one after the snapshot. Transactions of other databases do not count.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._seal_batch(p_most integer, OUT edits bigint)
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
 SET jit = off AS $$
@@ -245,7 +273,7 @@ BEGIN
         INSERT INTO edit_seal (seal_id, edit_ids, edits, digest, given_id, next_transaction, settled_id)
             VALUES (0, '{}', 0, sha256(''), 0, pg_current_xact_id(), 0) RETURNING * INTO v_last;
     END IF;
-    v_oldest := pg_snapshot_xmin(pg_current_snapshot());
+    v_oldest := _oldest_editor(pg_current_snapshot());
     v_ids := (SELECT range_agg(int8range(c.edit_id, c.edit_id + 1))
               FROM (SELECT e.edit_id FROM edit e
                     WHERE e.edit_id > v_last.settled_id

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "bb13b7c5a62e8ce406de5b3fcc289c188513178734da29ec39c29225d65fd97f"
+routines_sha256 = "8977f6ca915ead40009ed68230561171782133d6c1e573f8be22f18a0a42c6c1"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

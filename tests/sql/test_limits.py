@@ -188,7 +188,8 @@ def test_new_tracks_below_a_limit_of_speed_are_checked_together(conn: Conn) -> N
     conn.execute("SELECT conflictdb.create_scene('s'); SET LOCAL track_functions = 'all'")
     insert = f"""INSERT INTO conflictdb.track (scene_id, key, path, outline)
                  SELECT s.scene_id, %s || n, {TRACK}, {POINT} FROM conflictdb.scene s, generate_series(1, 50) n"""
-    called = "SELECT funcname, calls FROM pg_stat_xact_user_functions WHERE funcname IN ('_limit', '_check_track_shape')"
+    called = """SELECT funcname, calls FROM pg_stat_xact_user_functions
+                WHERE funcname IN ('_limit', '_check_track_shape')"""
     conn.execute("SELECT conflictdb.set_limit('max_speed_kn', 60)")
     conn.execute(insert.encode(), ["slow"])
     assert conn.execute(called.encode()).fetchall() == [("_limit", 2)]
