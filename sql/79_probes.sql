@@ -1,5 +1,6 @@
--- Probes with times: which objects a plan would conflict with, and when, to the scene's tolerance. Workers run stages 3
--- and 4, so a request is a row that must be committed first. The role that asked and workers see request and reply.
+-- Requests to workers, of the kinds probe, delays and admit (jobs/probes.py answers them), and the routines of probes.
+-- Workers run stages 3 and 4, so a request is a row that must be committed first. The role that asked and workers see
+-- request and reply.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._instant_of(p_us bigint) RETURNS timestamptz
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

@@ -1,8 +1,8 @@
-"""Write the objects of a scene; the ending of the name decides the format."""
+"""Write the objects of a scene; the ending of the name decides the format. To add a format: a row of `_WRITERS`."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.kml_writing import kml_lines
@@ -23,15 +23,36 @@ def _f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -
     yield from of_exchange("volumes_writing", "f3548_lines")(scene, areas, tracks)
 
 
-# Endings of names without .gz; any other is a scene file.
-_WRITERS: Final[dict[str, Lines]] = {
-    ".rtz": rtz_lines,
-    ".kml": kml_lines,
-    ".ed318.json": _ed318_lines,
-    ".f3548.json": _f3548_lines,
+# Settings of a scene that every file of objects has, or that follow from the objects.
+_OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum"})
+
+
+class WrittenFormat(NamedTuple):
+    """A format that holds less than scene files do.
+
+    settings : those of a scene that its objects have, or that follow from these; a remark names the others
+    """
+
+    title: str
+    lines: Lines
+    settings: frozenset[str] = _OWN
+
+
+# By the endings of names, without .gz; any other is a scene file.
+_WRITERS: Final = {
+    ".rtz": WrittenFormat("RTZ", rtz_lines, _OWN | {"motion", "earth"}),
+    ".kml": WrittenFormat("KML", kml_lines),
+    ".ed318.json": WrittenFormat("ED-318", _ed318_lines),
+    ".f3548.json": WrittenFormat("ASTM F3548", _f3548_lines),
 }
 # Endings that are read as other formats: a scene file of such a name would not load.
 _READ_ONLY: Final = (*(OTHER_ENDINGS - _WRITERS.keys()), ".gpkg", ".kmz", ".shp", ".zip")
+
+
+def writer_of(path: str | Path) -> WrittenFormat | None:
+    """Return the format in which a file of that name is written, None for scene files and GeoParquet."""
+    name = Path(path).name.lower().removesuffix(".gz")
+    return next((one for ending, one in _WRITERS.items() if name.endswith(ending)), None)
 
 
 def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
@@ -40,5 +61,5 @@ def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: 
     if name.endswith(_READ_ONLY):
         rule = f"this format is read, not written: write {', '.join(_WRITERS)}, .geojson or .parquet"
         raise InvalidInput("file", Path(name).suffix, rule, str(path))
-    write = next((one for ending, one in _WRITERS.items() if name.endswith(ending)), scene_text)
-    return write(scene, areas, tracks)
+    writer = writer_of(path)
+    return (writer.lines if writer else scene_text)(scene, areas, tracks)

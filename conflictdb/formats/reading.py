@@ -1,8 +1,8 @@
 """Read files; the name of a file decides its format.
 
 `read` returns the contents of a file or raises one InvalidInput that names the file and, for every error, the object,
-the field and the rule. To add a format, write a module that returns `Contents` and a line in `_READERS`. A dialect of
-JSON or XML is a row of `dialects` instead.
+the field and the rule. To add a format, write a module with a `Standard` and a function that returns `Contents`, and a
+line in `_READERS`; for JSON or XML a row of `dialects` instead. `objects_writing` has the formats that are written.
 
 Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
 parses only

@@ -5,28 +5,21 @@ from pathlib import Path
 from typing import Final
 
 from conflictdb.formats.contents import Remark
+from conflictdb.formats.objects_writing import writer_of
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.rings import along_lines
 from conflictdb.model.plans import LINES, Area, Scene, Track
 
-# Formats by the ending of the name, without .gz, and the settings that their objects have, or that follow from these.
-_OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum"})
-_FORMATS: Final = {
-    ".rtz": ("RTZ", _OWN | {"motion", "earth"}),
-    ".kml": ("KML", _OWN),
-    ".ed318.json": ("ED-318", _OWN),
-    ".f3548.json": ("ASTM F3548", _OWN),
-}
 _MOST_NAMED: Final = 3
 
 
 def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
     """Yield remarks on what the file of a name does not hold of a scene; none for scene files and GeoParquet."""
-    name = Path(path).name.lower().removesuffix(".gz")
-    form, own = next((one for ending, one in _FORMATS.items() if name.endswith(ending)), ("", _OWN))
-    if not form:
+    writer = writer_of(path)
+    if writer is None:
         return
-    lost = [one for one in scene.differing(Scene(scene.name)) if one not in own]
+    form = writer.title
+    lost = [one for one in scene.differing(Scene(scene.name)) if one not in writer.settings]
     if lost:
         text = f"{form} holds no settings of a scene: {', '.join(lost)} of {scene.name!r:.60} are not in the file"
         yield Remark(str(path), "file", text)

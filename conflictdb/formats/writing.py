@@ -1,4 +1,4 @@
-"""Write files: completely or not at all, compressed if the name ends in .gz."""
+"""Write conflicts, and lines of any file: completely or not at all, compressed if the name ends in .gz."""
 
 import gzip
 import os

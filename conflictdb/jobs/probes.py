@@ -1,7 +1,7 @@
 """Probe planned areas and tracks: find their conflicts by the stages of a detection, without writing.
 
 A plan is cut into pieces as the scene's objects are, and joined with the pieces of the last detection. SQL users leave
-a request, which a worker answers (`answer`), scene by scene.
+a request, which a worker answers (`answer`), scene by scene; requests of all kinds are answered here.
 """
 
 import logging

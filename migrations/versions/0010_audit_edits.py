@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8977f6ca915ead40009ed68230561171782133d6c1e573f8be22f18a0a42c6c1"
+routines_sha256 = "f2fd88baaf3c9b2a964de5869a3cda8cd8fc1a00140ebec9cb0512f29d69036a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
