@@ -341,6 +341,12 @@ class TrackBatch:
             offset, index = ragged_rows(self.outline_offset, track)
             start = self.outline_m[index]
             return offset, start, start
+        return self._changing_outlines(track, waypoint)
+
+    def _changing_outlines(
+        self, track: NDArray[np.int64], waypoint: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the outlines of havens that grow, or are given for each waypoint, as `outlines_on`."""
         grows = self.grow_mps > 0.0
         growing, steady = np.flatnonzero(grows), np.flatnonzero(~grows)
         corners, rate, corner_offset = mitred(*ragged_take(self.outline_offset, self.outline_m, growing))

@@ -19,15 +19,15 @@ from conflictdb.core.object_pairs import members, numbered, object_keys, ordered
 from conflictdb.core.pieces.covers import is_covered
 from conflictdb.core.whole_areas import Footprints, deep_in_whole_areas
 from conflictdb.earth.registry import Setup
+from conflictdb.kernel import merging
 from conflictdb.kernel.meeting import meetings
-from conflictdb.kernel.merging import merged
 from conflictdb.kernel.whole import Depth
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
 
 
-def merged_by_object(
+def merged(
     setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
@@ -52,7 +52,7 @@ def merged_by_object(
     shared_us = pieces.shared_span(a, b)
     a, b, _ = ordered_members(pieces, a, b)
     group_of, n = numbered(object_keys(pieces, a, b))
-    found = merged(contacts, group_of, n, shared_us, lacking_s)
+    found = merging.merged(contacts, group_of, n, shared_us, lacking_s)
     contacts, order, bounds, meet = found.contacts, found.order, found.order_offset, found.meets
     earliest = order[bounds[:-1]]
     has_conflict, has_open = found.verdict == Verdict.CONFLICT.code, found.is_open.copy()

@@ -21,7 +21,7 @@ from conflictdb.core.climbs import overlap_at_one_time, sharing_heights
 from conflictdb.core.closest_approaches import with_closest_approaches
 from conflictdb.core.conflict_regions import Meetings
 from conflictdb.core.funnel import Funnel, Progress
-from conflictdb.core.merge import merged_by_object
+from conflictdb.core.merge import merged
 from conflictdb.core.near import PairSource, Question
 from conflictdb.core.object_pairs import company_of
 from conflictdb.core.pieces.covers import is_covered
@@ -188,7 +188,7 @@ def run_stages(
             funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
             return Conflicts.none(), funnel
         funnel.met_pairs = int(np.count_nonzero(np.diff(every.pair, prepend=-1)))
-        conflicts, meetings = merged_by_object(setup, prepared, pairs, every, footprints, jobs)
+        conflicts, meetings = merged(setup, prepared, pairs, every, footprints, jobs)
     if method.solver is not None:
         conflicts = with_closest_approaches(
             setup.scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs
@@ -215,7 +215,7 @@ def _merged_uses(
     funnel: Funnel,
     jobs: int,
 ) -> tuple[Conflicts, Meetings]:
-    """Return what `merged_by_object` does, of pairs that use one place within the separation in time.
+    """Return what `merged` does, of pairs that use one place within the separation in time.
 
     prepared : the pieces with wide areas; `pieces` have their own spans
     contacts : those that last while both are there, and those of tracks with areas
@@ -250,7 +250,7 @@ def _merged_uses(
     funnel.window_pairs += len(tracks)
     funnel.met_pairs = len(np.unique(uses.pair))
     prepared, pairs, found = as_contacts(setup.plane, pieces, pairs, uses)
-    return merged_by_object(setup, prepared, pairs, found, footprints, jobs, uses.first_deg, uses.lacking_s)
+    return merged(setup, prepared, pairs, found, footprints, jobs, uses.first_deg, uses.lacking_s)
 
 
 def _at_one_time(plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[kernel.KernelScene, Pairs]:

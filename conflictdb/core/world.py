@@ -33,6 +33,7 @@ from conflictdb.model.plans import (
     is_idle,
 )
 from conflictdb.model.recurring_plans import Window, expanded_area, expanded_track, idle_text, unknown_text, window_over
+from conflictdb.model.results import Kind
 from conflictdb.model.tolerances import tolerances_of
 
 _NO_TRACKS: Final = TrackBatch.of([])
@@ -209,6 +210,15 @@ class Occupied(NamedTuple):
     tracks: list[Track]
     batches: tuple[AreaBatch, TrackBatch]
     pieces: Pieces
+
+    def plans(self) -> list[Area | Track]:
+        """Return areas and tracks."""
+        return [*self.areas, *self.tracks]
+
+    def named(self) -> dict[tuple[int, int], tuple[str, str | None]]:
+        """Return keys and names, by the code of a kind and the number of an object."""
+        named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(self.areas)}
+        return named | {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(self.tracks)}
 
 
 def occupy(

@@ -65,8 +65,7 @@ class Earth:
 
     def rectifying(self, latitude: ArrayLike) -> Floats:
         """Return the rectifying latitude mu of a geographic latitude, radians."""
-        tau = np.tan(np.asarray(latitude, dtype=np.float64))
-        chi = np.arctan(self._conformal_tangent(tau))
+        chi = np.arctan(self._conformal_tangent(np.tan(np.asarray(latitude, dtype=np.float64))))
         mu = chi.copy()
         for j, alpha in enumerate(self.to_rectifying, 1):
             mu += alpha * np.sin(2 * j * chi)

@@ -23,7 +23,7 @@ def proof_lines(
     scene : settings, with a centre
     about : further members of the first line
     """
-    objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
+    objects = occupied.plans()
     yield _line({"conflictdb_proof": VERSION, "made_by": f"conflictdb {conflictdb.__version__}", **about})
     parts = {
         "settings": iter([_text(settings_of(scene))]),

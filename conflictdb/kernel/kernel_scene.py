@@ -62,11 +62,7 @@ class KernelScene:
 
     def __init__(self, plane: KernelPlane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
         """Prepare the pieces of the pairs a, b, or all. Pairs with an invalid piece (KernelState) are unresolved."""
-        used = np.full(len(pieces), a is None)
-        for rows in (a, b):
-            if rows is not None:
-                used[rows] = True
-        functions, held = library(), HeldPieces.of(pieces, used)
+        functions, held = library(), HeldPieces.of(pieces, _used(len(pieces), a, b))
         self.handle, self.pieces = ctypes.c_void_p(), pieces
         check(functions.kernel_scene_make(ctypes.byref(plane), ctypes.byref(held), ctypes.byref(self.handle)))
         self.vertex_count = np.diff(pieces.shape_offset)
@@ -83,6 +79,15 @@ class KernelScene:
         found = np.empty(len(self.pieces), np.int8)
         check(library().kernel_states(self.handle, address(found)))
         return found
+
+
+def _used(n: int, a: _Ints | None, b: _Ints | None) -> NDArray[np.bool_]:
+    """Return which of n pieces are in pairs; without pairs all are."""
+    used = np.full(n, a is None)
+    for rows in (a, b):
+        if rows is not None:
+            used[rows] = True
+    return used
 
 
 class HeldPieces(Held):

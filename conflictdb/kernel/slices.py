@@ -12,7 +12,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
 from conflictdb.kernel.header import constant
 from conflictdb.kernel.kernel_scene import HeldPieces, KernelPlane
-from conflictdb.kernel.library import address, check, library, shared
+from conflictdb.kernel.library import SHARE, address, check, library
 
 # Most vertices of a hull.
 _PER_VERTEX: Final = constant("KERNEL_HULL_PER_VERTEX")
@@ -34,7 +34,7 @@ class Hulls:
     reach_m: Floats
 
 
-def hulls(plane: KernelPlane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hulls:
+def hulls(plane: KernelPlane, pieces: Pieces, reach_m: float) -> Hulls:
     """Return the swept hull of each piece over its whole time, padded by half of reach_m.
 
     Hulls of two pieces intersect wherever the pieces come within reach_m of each other.
@@ -42,18 +42,16 @@ def hulls(plane: KernelPlane, pieces: Pieces, reach_m: float, threads: int = 1) 
     reach_m : metres on the earth
     """
     held = HeldPieces.of(pieces, np.ones(len(pieces), np.bool_))
-
-    def make(rows: slice) -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
-        n = rows.stop - rows.start
-        vertices = int(pieces.shape_offset[rows.stop] - pieces.shape_offset[rows.start])
+    shares = []
+    # An interrupt waits for one call at most.
+    for first in range(0, max(len(pieces), 1), SHARE):
+        last = min(first + SHARE, len(pieces))
+        n, vertices = last - first, int(pieces.shape_offset[last] - pieces.shape_offset[first])
         xy, offset = np.empty((_PER_VERTEX * vertices + _MORE * n, 2)), np.empty(n + 1, np.int64)
         deviation_m, reach = np.empty(n), np.empty(n)
         arrays = [address(array) for array in (xy, offset, deviation_m, reach)]
-        references = ctypes.byref(plane), ctypes.byref(held)
-        check(library().kernel_hulls(*references, rows.start, rows.stop, reach_m, *arrays))
-        return xy[: offset[-1]], np.diff(offset), deviation_m, reach
-
-    shares = shared(make, len(pieces), threads) or [make(slice(0, 0))]
+        check(library().kernel_hulls(ctypes.byref(plane), ctypes.byref(held), first, last, reach_m, *arrays))
+        shares.append((xy[: offset[-1]], np.diff(offset), deviation_m, reach))
     xy, counts, deviation_m, reach = (np.concatenate(column) for column in zip(*shares, strict=True))
     return Hulls(xy, offsets(counts), deviation_m, reach)
 
@@ -63,9 +61,8 @@ def apart(xy: Floats, offset: NDArray[np.int64], a: PieceRows, b: PieceRows) -> 
 
     xy, offset : (h, 2) plane metres, (m + 1,)  closed rings, counter-clockwise
     """
-    xy, offset = np.ascontiguousarray(xy, np.float64), np.ascontiguousarray(offset, np.int64)
-    a, b = (PieceRows(np.ascontiguousarray(rows, np.int64)) for rows in (a, b))
-    found = np.empty(len(a), np.bool_)
-    hulls, where, first, second, result = (address(array) for array in (xy, offset, a, b, found))
-    check(library().kernel_apart(hulls, len(xy), where, len(offset) - 1, first, second, len(a), result))
+    xy, found = np.ascontiguousarray(xy, np.float64), np.empty(len(a), np.bool_)
+    offset, first, second = (np.ascontiguousarray(one, np.int64) for one in (offset, a, b))
+    given = address(xy), len(xy), address(offset), len(offset) - 1, address(first), address(second)
+    check(library().kernel_apart(*given, len(a), address(found)))
     return found

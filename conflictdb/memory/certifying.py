@@ -50,7 +50,7 @@ def proof_of(
 
     about : members of the first line
     """
-    reported = _reported([*occupied.areas, *occupied.tracks], rows)
+    reported = _reported(occupied.plans(), rows)
     proofs = proofs_of(world.setup, occupied, reported, jobs)
     return proof_lines(world.setup.scene, occupied, reported, proofs, about or {}), proofs.counts
 

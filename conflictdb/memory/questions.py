@@ -1,7 +1,7 @@
 """Run the stages on objects in memory (`solve`, `delays`, `speeds`, `chances`): no database, the same answer."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -78,12 +78,10 @@ def solve(
 
 def solved(setup: Setup, occupied: Occupied) -> Results[Conflict]:
     """Return the conflicts and near pairs of objects that are cut into pieces."""
-    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(occupied.areas)}
-    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(occupied.tracks)}
-    objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
-    origin = Objects(setup.scene, {one.key: one for one in objects})
-    found = Conflicts.concatenate([conflicts for conflicts, _ in _run(setup, occupied)])
-    rows = to_results(setup.scene, named, found)
+    source = Memory(occupied.pieces, occupied.batches)
+    found = Conflicts.concatenate([conflicts for conflicts, _ in run_scene(setup, source)])
+    rows = to_results(setup.scene, occupied.named(), found)
+    origin = Objects(setup.scene, {one.key: one for one in occupied.plans()})
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
 
@@ -426,13 +424,10 @@ def _several(key: Any) -> Collection[str]:
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
     """Return what the stages count on the objects of a stored scene."""
     total = Funnel()
-    for _, funnel in _run(Setup.of(scene), occupy(World(Setup.of(scene)), areas, tracks, is_lenient=True)):
+    occupied = occupy(World(Setup.of(scene)), areas, tracks, is_lenient=True)
+    for _, funnel in run_scene(Setup.of(scene), Memory(occupied.pieces, occupied.batches)):
         total.add(funnel)
     return total
-
-
-def _run(setup: Setup, occupied: Occupied) -> Iterator[tuple[Conflicts, Funnel]]:
-    return run_scene(setup, Memory(occupied.pieces, occupied.batches))
 
 
 class Objects:

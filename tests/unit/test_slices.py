@@ -170,14 +170,16 @@ def test_what_is_grown_beyond_all_numbers_has_no_hull() -> None:
 
 
 @pytest.mark.parametrize("workload", [WORKLOADS[0], WORKLOADS[-1]], ids=lambda w: w.name)
-def test_any_number_of_threads_gives_the_same_bits(workload: Workload) -> None:
+def test_many_pieces_have_the_hulls_of_few(workload: Workload) -> None:
+    """To the bit, also where one call of the kernel ends and the next begins."""
     scene, plane, pieces = cut(workload, 6, 0.0)
-    many = pieces.take(np.tile(np.arange(len(pieces)), 1 + 10_000 // len(pieces)))
-    one, two = (kernel.hulls(plane.kernel_plane, many, scene.reach_m, threads) for threads in (1, 2))
-    np.testing.assert_array_equal(one.xy, two.xy)
-    np.testing.assert_array_equal(one.offset, two.offset)
-    np.testing.assert_array_equal(one.deviation_m, two.deviation_m)
-    np.testing.assert_array_equal(one.reach_m, two.reach_m)
+    times = 1 + 10_000 // len(pieces)
+    few = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
+    many = kernel.hulls(plane.kernel_plane, pieces.take(np.tile(np.arange(len(pieces)), times)), scene.reach_m)
+    np.testing.assert_array_equal(many.xy, np.tile(few.xy, (times, 1)))
+    np.testing.assert_array_equal(np.diff(many.offset), np.tile(np.diff(few.offset), times))
+    np.testing.assert_array_equal(many.deviation_m, np.tile(few.deviation_m, times))
+    np.testing.assert_array_equal(many.reach_m, np.tile(few.reach_m, times))
 
 
 @pytest.mark.parametrize("reach_m", [-1.0, np.nan, np.inf])

@@ -53,7 +53,19 @@ def check_plane(
     These are the footprints of areas in the plane, and the tracks, each on one voyage, with their legs; None without
     tracks.
     """
-    flat = _checked_areas(plane, areas) if areas else np.empty(0, object)
+    flat = np.array([area.footprint for area in areas], dtype=object)
+    corners, row_of = shapely.get_coordinates(flat, return_index=True)
+    x, y, holds = plane.project(*corners.T)
+    if not holds.all():
+        raise InvalidInput(f"area {areas[row_of[~holds][0]].key!r}", "geometry", plane.limit)
+    flat = shapely.set_coordinates(flat.copy(), np.stack([x, y], axis=1))
+    if not plane.turn_m:
+        flat = _stitched(flat, corners, row_of)
+    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
+        if not is_thread(flat[i]):
+            why = shapely.is_valid_reason(flat[i]).split("[")[0]
+            rule = f"crosses itself when its edges are {plane.lines} ({why})"
+            raise InvalidInput(f"area {areas[i].key!r}", "geometry", rule)
     if not tracks:
         return flat, None
     check_legs(plane.lines, tracks)
@@ -70,25 +82,6 @@ def check_plane(
         field = "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m"
         raise InvalidInput(f"track {track.key!r}", field, plane.haven_limit)
     return flat, replace(batch, legs=replace(legs, whole=whole))
-
-
-def _checked_areas(plane: Plane, areas: Sequence[Area]) -> NDArray[np.object_]:
-    """Return footprints of areas in the plane; raises InvalidInput for the first that does not fit it."""
-    footprints = np.array([area.footprint for area in areas], dtype=object)
-    corners, row_of = shapely.get_coordinates(footprints, return_index=True)
-    x, y, holds = plane.project(*corners.T)
-    if not holds.all():
-        raise InvalidInput(f"area {areas[row_of[~holds][0]].key!r}", "geometry", plane.limit)
-    flat = shapely.set_coordinates(footprints.copy(), np.stack([x, y], axis=1))
-    if not plane.turn_m:
-        flat = _stitched(flat, corners, row_of)
-    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
-        if not is_thread(flat[i]):
-            why = shapely.is_valid_reason(flat[i]).split("[")[0]
-            raise InvalidInput(
-                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
-            )
-    return flat
 
 
 def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
@@ -288,10 +281,10 @@ def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[P
 
 def _ends_inside(tracks: TrackBatch) -> NDArray[np.bool_]:
     """Return (n,) whether a row ends before the last row of the same track does."""
-    end_us = tracks.times_us[tracks.waypoint_offset[1:] - 1]
-    each, one = distinct(tracks.track_id)
-    if len(each) == len(tracks):
+    if (tracks.track_id[1:] > tracks.track_id[:-1]).all():
         return np.zeros(len(tracks), np.bool_)
+    end_us = tracks.times_us[tracks.waypoint_offset[1:] - 1]
+    one = distinct(tracks.track_id)[1]
     last_us = np.full(len(tracks), MINUS_INFINITY_US)
     np.maximum.at(last_us, one, end_us)
     return np.asarray(end_us < last_us[one])
