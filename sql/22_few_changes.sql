@@ -215,12 +215,10 @@ BEGIN
     v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
     IF v_compared <= p_most_compared AND cardinality(coalesce(v_a, '{}')) < p_most THEN
         v_began := clock_timestamp();
-        -- The rest of stage 1, for the pieces of bundles, and stage 2. Each row is unpacked once. Boxes are compared as
-        -- the client compares them; && would round them outward. All else is the same for all pieces of a row, and the
-        -- rule of a pair of rows has compared it.
+        -- The rest of stage 1, for the pieces of bundles, and stage 2. Each row is unpacked once. The rule of a pair of
+        -- rows has compared classes and owners.
         WITH one AS MATERIALIZED (
-            SELECT p.piece_id, u.part, u.hull, u.span, ST_XMin(u.hull) AS low_x, ST_XMax(u.hull) AS high_x,
-                   ST_YMin(u.hull) AS low_y, ST_YMax(u.hull) AS high_y
+            SELECT u.*
             FROM unnest(v_met) n
             CROSS JOIN LATERAL (SELECT p.* FROM piece p WHERE p.piece_id = n OFFSET 0) p
             CROSS JOIN LATERAL _pieces_of((p.*)::piece) u
@@ -231,9 +229,8 @@ BEGIN
             FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.part AS a_part, b.part AS b_part,
                          _hulls_meet(a.hull, b.hull) AS meets
                   FROM unnest(v_a, v_b) c (a, b) JOIN one a ON a.piece_id = c.a
-                  JOIN one b ON b.piece_id = c.b AND a.low_x <= b.high_x AND b.low_x <= a.high_x
-                                AND a.low_y <= b.high_y AND b.low_y <= a.high_y
-                                AND _times_meet(a.span, b.span, v_within_s) OFFSET 0) m;
+                  JOIN one b ON b.piece_id = c.b AND _pieces_may_meet((a.*)::piece, (b.*)::piece, v_within_s, NULL)
+                                AND _boxes_meet(a.hull, b.hull) OFFSET 0) m;
         v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
         v_stage2_us := 1e6 * extract(epoch FROM clock_timestamp() - v_began);
     END IF;

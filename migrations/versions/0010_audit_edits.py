@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f2fd88baaf3c9b2a964de5869a3cda8cd8fc1a00140ebec9cb0512f29d69036a"
+routines_sha256 = "50773ae7d71b11825b3097c85241a71cb8cc48fd78ae30a24ca9c8f09710c947"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
