@@ -1,4 +1,8 @@
-"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here."""
+"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here.
+
+The way from plans to rows of the record: `World.of` and `occupy` cut plans into pieces, and a source yields `pairs` of
+these. Here `contacts` and `merged` decide them. `to_results` or the store records the conflicts.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -155,28 +159,7 @@ def run_stages(
         moving, of_tracks = PairRows(np.flatnonzero(~static & ~covered)), of_tracks & False
         parts.append(_unresolved(pieces, heights, pairs, moving))
     elif moving.size:
-        clock = time.perf_counter()
-        if method.needs_regions:
-            first, last = _windows(setup, prepared, pairs.take(moving))
-            funnel.projected_pairs, funnel.stage3_s = len(moving), time.perf_counter() - clock
-        else:
-            # Stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
-            first, last = _spans_s(lasting, pairs.take(moving))
-        low, high, doubt_s = _some(heights, moving)
-        first, last = np.maximum(first, low), np.minimum(last, high)
-        possible = np.flatnonzero(first <= last)
-        moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
-        tell = _counting(len(moving), progress)
-        clock = time.perf_counter()
-        solved, funnel.effort = contacts(setup, prepared, pairs.take(moving), first, last, tell, threads=jobs)
-        exact = funnel.effort.exact
-        # The kernel adds up seconds over threads; their ratio is that of the elapsed times.
-        funnel.stage3_s += (time.perf_counter() - clock) * exact.closed_form_s / max(exact.contacts_s, _SHORTEST_S)
-        funnel.projected_pairs += exact.closed_forms
-        funnel.window_pairs += len(moving) - exact.closed_apart
-        funnel.solved_pairs = len(moving) - exact.closed_forms
-        # A contact that begins or ends with the overlap of heights has its error.
-        solved = replace(solved, error_s=solved.error_s + doubt_s[possible][solved.pair]).of_pairs(moving)
+        solved = _moving_contacts(setup, prepared, heights, pairs, moving, funnel, jobs, progress)
     if within_us:
         found = Contacts.concatenate(parts), solved
         tracks = PairRows(np.flatnonzero(of_tracks))
@@ -202,6 +185,41 @@ def run_stages(
         return found
 
     return replace(conflicts, where=where), funnel
+
+
+def _moving_contacts(
+    setup: Setup,
+    prepared: kernel.KernelScene,
+    heights: _Heights,
+    pairs: Pairs,
+    moving: PairRows,
+    funnel: Funnel,
+    jobs: int,
+    progress: Progress | None,
+) -> Contacts:
+    """Return the contacts of pairs of which one moves, by stages 3 and 4; `funnel` counts their work."""
+    clock = time.perf_counter()
+    if METHODS[setup.scene.method].needs_regions:
+        first, last = _windows(setup, prepared, pairs.take(moving))
+        funnel.projected_pairs, funnel.stage3_s = len(moving), time.perf_counter() - clock
+    else:
+        # Stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
+        first, last = _spans_s(prepared.pieces, pairs.take(moving))
+    low, high, doubt_s = _some(heights, moving)
+    first, last = np.maximum(first, low), np.minimum(last, high)
+    possible = np.flatnonzero(first <= last)
+    moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
+    tell = _counting(len(moving), progress)
+    clock = time.perf_counter()
+    found, funnel.effort = contacts(setup, prepared, pairs.take(moving), first, last, tell, threads=jobs)
+    exact = funnel.effort.exact
+    # The kernel adds up seconds over threads; their ratio is that of the elapsed times.
+    funnel.stage3_s += (time.perf_counter() - clock) * exact.closed_form_s / max(exact.contacts_s, _SHORTEST_S)
+    funnel.projected_pairs += exact.closed_forms
+    funnel.window_pairs += len(moving) - exact.closed_apart
+    funnel.solved_pairs = len(moving) - exact.closed_forms
+    # A contact that begins or ends with the overlap of heights has its error.
+    return replace(found, error_s=found.error_s + doubt_s[possible][found.pair]).of_pairs(moving)
 
 
 def _merged_uses(

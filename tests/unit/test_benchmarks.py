@@ -17,6 +17,7 @@ import scale_out
 import shapely
 import sparked
 import study
+import walk_solve
 from made_scenes import AT_ONCE, Kind, box, sea
 from measured import Detection, medians, peak_mb, read_csv, write_csv
 from scenes import T0_US
@@ -185,3 +186,8 @@ def test_real_runs_stand_side_by_side() -> None:
     assert lines[0] == "|  | ais-hour | ais-hour-500m |"
     assert "| conflicts | 2: 26 `conflict`, 6 `grazing` | 2: 981 `conflict` |" in lines
     assert "| stage4 | 0.5 | 0.5 |" in lines
+
+
+def test_few_functions_lead_from_objects_to_a_conflict_row() -> None:
+    """A reader opens these: more mean a layer that a scene without its feature should not enter."""
+    assert len(walk_solve.walk().to_read()) <= 30
