@@ -39,7 +39,7 @@ COMMENT ON FUNCTION _forget_differences(bigint, bigint[]) IS
 'Deletes the stored differences of objects of a scene; null: of those with a covered mark. Returns their numbers '
 '(array_send), neighbours together.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
+CREATE OR REPLACE FUNCTION conflictdb_internal._rows_to_compare(
     p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint,
     OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint
 )
@@ -76,7 +76,7 @@ BEGIN
                               AND p.scene_id + 0 = p_scene_id OFFSET 0) o;
 END
 $$;
-COMMENT ON FUNCTION _pieces_near(bigint, bigint[], bigint) IS
+COMMENT ON FUNCTION _rows_to_compare(bigint, bigint[], bigint) IS
 'All rows of pieces of objects of a scene, and of those that they may meet if one of both is a track that is up to '
 'p_horizon_us earlier or later: ids (array_send), number of pieces, and of pairs of pieces whose rows meet.';
 

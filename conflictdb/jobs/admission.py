@@ -12,7 +12,7 @@ from conflictdb.core.members import Member, Members, by_kind
 from conflictdb.core.world import World, has_schedules
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.jobs.members_near import members, members_near, require_within, world_of
+from conflictdb.jobs.members_near import members, read_members_near, require_within, world_of
 from conflictdb.model.plans import Area, Scene, Track, owned_by
 from conflictdb.model.recurring_plans import Window
 from conflictdb.model.results import Admission, Conflict, Results, Verdict
@@ -43,7 +43,7 @@ def admit(
         cut = early if early is not None and early.scene == stored else _cut(conn, number, stored, given)
         world, mine = cut.world, cut.members
         _check_replaced(given, replaced, owner, replace)
-        others = members_near(conn, number, world, cut.span, mine, replaced)
+        others = read_members_near(conn, number, world, cut.span, mine, replaced)
         found = _conflicts(world.setup, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:

@@ -54,7 +54,7 @@ def refresh_differences(
     while done < len(objects):
         progress(done, len(objects))
         some = objects[done : done + most]
-        ids, pieces, compared = store.pieces_near(conn, scene_id, some, horizon_us + setup.scene.longest_time_us)
+        ids, pieces, compared = store.rows_to_compare(conn, scene_id, some, horizon_us + setup.scene.longest_time_us)
         load = max(_SHARE * pieces / memory.pieces, compared / (_LOOKED_AT * memory.pairs))
         if load > 1.0 and len(some) > 1:
             most = max(1, int(len(some) / (2.0 * load)))

@@ -83,7 +83,7 @@ def _expanded_text(window: Window) -> str:
     return f"schedules are expanded from {first} until {last} only (setting horizon_days)"
 
 
-def members_near(
+def read_members_near(
     conn: psycopg.Connection[Any],
     scene_id: int,
     world: World,
@@ -92,6 +92,8 @@ def members_near(
     replaced: Collection[store.StoredObject],
 ) -> Members:
     """Return the objects that plans might meet, as they are stored, detected or not, but for those they replace.
+
+    Which of their pieces meet is left to a source of pairs (`Together`): the database compares rows and rough pieces.
 
     span : the time that the plans touch
     """

@@ -1,6 +1,6 @@
 """Read the plans of a stored scene that a plan, stored or not, may meet, as objects: a question then runs in memory.
 
-`members_near` reads their pieces instead, for probes and admission.
+`read_members_near` reads their pieces instead, for probes and admission.
 """
 
 from collections.abc import Callable

@@ -23,8 +23,8 @@ from conflictdb.core.world import World, is_within, occupy
 from conflictdb.errors import ConflictDBError, InvalidInput, LockTimeout
 from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.jobs.admission import admit
-from conflictdb.jobs.members_near import members_near, state_for, world_of
-from conflictdb.jobs.sources import PLAN, PlanBeside
+from conflictdb.jobs.members_near import read_members_near, state_for, world_of
+from conflictdb.jobs.sources import PLAN, StoredWithPlan
 from conflictdb.jobs.track_delays import delays
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import LINES, Area, Track, check_datums, check_legs
@@ -76,7 +76,7 @@ def _found(
     else:
         mine = Members.of_plans(world, plans)
         replaced = store.replaced_objects(conn, number, [plan.key for plan in plans], None)
-        others = members_near(conn, number, world, span, mine, replaced)
+        others = read_members_near(conn, number, world, span, mine, replaced)
         found = conflicts_between(world.setup, mine, others, among=True)
     return Listing(state, found, Conflict)
 
@@ -197,7 +197,7 @@ def _probed_alone(
     scene = world.setup.scene
     occupied = occupy(world, *by_kind([plan]))
     cut: Area | Track = (occupied.areas or occupied.tracks)[0]
-    source = PlanBeside(conn, scene_id, cut, plan.key, occupied.pieces, memory)
+    source = StoredWithPlan(conn, scene_id, cut, plan.key, occupied.pieces, memory)
     found = bounded(part for part, _ in run_scene(world.setup, source, jobs=jobs))
     if not len(found):
         return []

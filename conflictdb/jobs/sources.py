@@ -151,8 +151,10 @@ class FewStored(Stored):
             yield from super().pairs(question)
 
 
-class PlanBeside(Stored):
-    """The pieces of one plan, and those of a scene that they may meet, as a source of pairs.
+class StoredWithPlan(Stored):
+    """The pieces of one plan, which is not stored, and those of a scene that they may meet, as a source of pairs.
+
+    One statement finds the pairs, by the index and the rule that all pairs of the database go through.
 
     replaced : the key of an object that is left out
     most_compared : the largest number of pairs of pieces for which stage 2 runs in the database

@@ -195,10 +195,10 @@ class Answers:
         within_s = _number("within_s", _parameter(request, "within_s") or "0", _LONGEST_S)
         with self.connections.one() as connection:
             if near_m is None:
-                packed = what_if.pieces(connection, self._name(request), key, within_s)
+                packed = what_if.packed_departing(connection, self._name(request), key, within_s)
             else:
                 within_m = _number("near_m", near_m, _FARTHEST_M)
-                packed = what_if.pieces_near(connection, self._name(request), key, within_m)
+                packed = what_if.packed_near(connection, self._name(request), key, within_m)
             return Response(packed, media_type="application/octet-stream")
 
     def pair(self, request: Request) -> Response:

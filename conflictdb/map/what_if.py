@@ -37,7 +37,7 @@ _UNBOUNDED_US: Final = 2**52
 _INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
 
 
-def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
+def packed_departing(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
     """Pack the pieces of a track, and of what it may meet at any height, departing at most `within_s` earlier or later.
 
     Raises InvalidInput if the scene or the track does not exist.
@@ -48,7 +48,7 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
     return packed(settings, areas, tracks, {key})
 
 
-def pieces_near(conn: psycopg.Connection[Any], scene: str, key: str, within_m: float) -> bytes:
+def packed_near(conn: psycopg.Connection[Any], scene: str, key: str, within_m: float) -> bytes:
     """Pack the pieces of an object, and of what comes within `within_m` of it at its times and heights.
 
     Raises InvalidInput if the scene or the object does not exist.

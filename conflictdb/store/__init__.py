@@ -152,7 +152,7 @@ if TYPE_CHECKING:
     from conflictdb.store.stored_differences import (
         first_stops,
         forget_differences,
-        pieces_near,
+        rows_to_compare,
         stored_delays,
         write_differences,
     )

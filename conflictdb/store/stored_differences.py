@@ -1,6 +1,6 @@
 """Write the differences that a scene stores, in the transaction of a detection; look delays up in them.
 
-forget_differences; for each chunk of objects: pieces_near, bundles, write_differences
+forget_differences; for each chunk of objects: rows_to_compare, bundles, write_differences
 """
 
 from typing import Any
@@ -27,16 +27,16 @@ def forget_differences(conn: psycopg.Connection[Any], scene_id: int, changed: li
     return copy_binary.int8_array(call(conn, "_forget_differences", scene_id, changed)[0])
 
 
-def pieces_near(
+def rows_to_compare(
     conn: psycopg.Connection[Any], scene_id: int, objects: _Ints, horizon_us: int
 ) -> tuple[_Ints, int, int]:
-    """Return the rows of all pieces of objects, and of those that they may meet, by their ids.
+    """Return the rows of all pieces of objects, and of those that they may meet, by their ids, for `near.Memory`.
 
     Also return the number of pieces, and of pairs of pieces whose rows meet.
 
     horizon_us : how much earlier or later one of two objects may be
     """
-    piece_ids, pieces, compared = call(conn, "_pieces_near", scene_id, objects.tolist(), horizon_us)
+    piece_ids, pieces, compared = call(conn, "_rows_to_compare", scene_id, objects.tolist(), horizon_us)
     return copy_binary.int8_array(piece_ids), int(pieces), int(compared)
 
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "50773ae7d71b11825b3097c85241a71cb8cc48fd78ae30a24ca9c8f09710c947"
+routines_sha256 = "869b95823825badb19c3a5bebe99230a9e20b2bfb586739accf3e982a676f771"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

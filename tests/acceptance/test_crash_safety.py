@@ -54,7 +54,7 @@ def stopping(name, *, after):
 
 for name in (
     "begin_detection", "changed_areas", "replace_pieces", "begin_write", "bundles", "put_pieces", "stage",
-    "pieces_near", "write_differences", "end_write"
+    "rows_to_compare", "write_differences", "end_write"
 ):
     stopping(name, after=True)
 with store.connect(sys.argv[1]) as conn:
@@ -69,7 +69,7 @@ EVERYWHERE = [
     ("bundles", TWO_TRANSACTIONS),
     ("progress", TWO_TRANSACTIONS),
     ("stage", TWO_TRANSACTIONS),
-    ("pieces_near", TWO_TRANSACTIONS),
+    ("rows_to_compare", TWO_TRANSACTIONS),
     ("write_differences", TWO_TRANSACTIONS),
     ("end_write", TWO_TRANSACTIONS),
     ("begin_detection", ONE_TRANSACTION),
@@ -77,7 +77,7 @@ EVERYWHERE = [
     ("write_differences", ONE_TRANSACTION),
     ("end_write", ONE_TRANSACTION),
 ]
-SELDOM = {"begin_detection", "changed_areas", "begin_write", "stage", "pieces_near"}
+SELDOM = {"begin_detection", "changed_areas", "begin_write", "stage", "rows_to_compare"}
 PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at for at in EVERYWHERE]
 
 

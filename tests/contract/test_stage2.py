@@ -25,7 +25,7 @@ from conflictdb.core.stage2_intersection import intersections
 from conflictdb.earth.registry import Setup
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.jobs.detect import detect
-from conflictdb.jobs.sources import MOST_COMPARED, PlanBeside
+from conflictdb.jobs.sources import MOST_COMPARED, StoredWithPlan
 from conflictdb.model.plans import Area, Scene, Track
 
 Conn = psycopg.Connection[Any]
@@ -119,7 +119,8 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
             stored, at_client = (
                 list(source.pairs(Question.of(settings)))
                 for source in (
-                    PlanBeside(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most) for most in (ALWAYS, NEVER)
+                    StoredWithPlan(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most)
+                    for most in (ALWAYS, NEVER)
                 )
             )
             assert after_stage2(stored) == after_stage2(at_client), (scene.name, plan.key)

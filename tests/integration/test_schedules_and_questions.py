@@ -281,7 +281,7 @@ def test_the_page_reads_what_a_moved_plan_may_meet(db: Database) -> None:
     from conflictdb.map import editing, what_if
 
     scene = stored(db, [AREA, LATE, voyage(), voyage("far", lat=10.0)])
-    packed = what_if.pieces(db.connection, "s", "T", 86_400.0)
+    packed = what_if.packed_departing(db.connection, "s", "T", 86_400.0)
     head = json.loads(packed[4 : 4 + int.from_bytes(packed[:4], "little")])
     assert head["objects"] == ["B", "S", "T"]
     db.connection.commit()

@@ -326,7 +326,7 @@ def test_a_failed_detection_leaves_the_old_rows(crossing: Crossing, monkeypatch:
     late = replace(tracks[0], times_us=tracks[0].times_us + 600_000_000)
     for few_objects in (-1, 100):
         store.replace_scene(db.connection, known.settings(), [], [late], merge=True)
-        for name in ("pieces_near", "write_differences", "end_write"):
+        for name in ("rows_to_compare", "write_differences", "end_write"):
 
             def broken(*_: object, **__: object) -> None:
                 raise RuntimeError("no more memory")
@@ -420,7 +420,7 @@ def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) ->
     """However little fits, the rows are the same; no batch has more pieces than fit, but for one of one object."""
     scene, areas, tracks = plain_scene(EQUATOR, 9, 20, 30)
     read: list[tuple[int, int]] = []
-    near = store.pieces_near
+    near = store.rows_to_compare
 
     def counted(conn: Conn, scene_id: int, objects: Any, horizon_us: int) -> Any:
         found = near(conn, scene_id, objects, horizon_us)
@@ -431,7 +431,7 @@ def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) ->
         known = stored(db, replace(scene, delays_within_s=WITHIN_S), areas, tracks)
         expected = rows(db.connection, scene.name)
         assert len(expected) > 100
-        monkeypatch.setattr(store, "pieces_near", counted)
+        monkeypatch.setattr(store, "rows_to_compare", counted)
         for pieces in (40, 400):
             read.clear()
             memory = MemoryBudget(pairs=50, pieces=pieces, boxes=10**6)
