@@ -388,8 +388,8 @@ class _Proofs:
         if number not in self._areas:
             pieces = self._pieces_of(Kind.AREA, number)
             pieces = pieces.take(np.flatnonzero(pieces.part != COVER)[:_MOST_PARTS])
-            owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
-            rings = shapely.linearrings(pieces.shape_xy, indices=owner) if len(pieces) else np.empty(0, object)
+            piece_of = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
+            rings = shapely.linearrings(pieces.shape_xy, indices=piece_of) if len(pieces) else np.empty(0, object)
             self._areas[number] = _Area(np.asarray(shapely.polygons(rings), dtype=object), pieces)
         return self._areas[number]
 
@@ -497,9 +497,9 @@ class _Proofs:
         turns = np.round((0.5 * (west + east) - 0.5 * (bounds[:, 0] + bounds[:, 2])) / turn)
         if not turns.any():
             return polygons
-        owner = np.repeat(turns * turn, shapely.get_num_coordinates(polygons))
+        east = np.repeat(turns * turn, shapely.get_num_coordinates(polygons))
         xy = shapely.get_coordinates(polygons)
-        return np.asarray(shapely.set_coordinates(polygons.copy(), xy + np.stack([owner, 0.0 * owner], axis=1)))
+        return np.asarray(shapely.set_coordinates(polygons.copy(), xy + np.stack([east, 0.0 * east], axis=1)))
 
     def _span_m(self, ships: NDArray[np.object_]) -> float:
         """Return the separation in the plane, at the largest scale of ships."""

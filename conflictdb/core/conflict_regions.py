@@ -117,16 +117,16 @@ def regions_of(
     moves = np.zeros(len(count), np.bool_)
     moves[group[(pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)]] = True
     is_crowded = is_known & ~moves & (count > _MANY_PARTS)
-    owner = np.repeat(group[asked], 2)  # of each ring: each contact has two rings, which may be empty
-    wanted = is_known[owner] & ~(is_crowded[owner] & np.repeat(kind == RegionKind.COMMON, 2))
+    of_ring = np.repeat(group[asked], 2)  # of each ring: each contact has two rings, which may be empty
+    wanted = is_known[of_ring] & ~(is_crowded[of_ring] & np.repeat(kind == RegionKind.COMMON, 2))
     filled = np.flatnonzero((np.diff(ring_offset) > 0) & wanted)
-    (ring, ring_offset), owner = ragged_take(ring_offset, ring, filled), owner[filled]
+    (ring, ring_offset), of_ring = ragged_take(ring_offset, ring, filled), of_ring[filled]
 
     limit_m = min(max(setup.scene.tolerance_m, BEYOND_M), _MOST_BEYOND_M)
     crowded = np.flatnonzero(is_crowded)
-    of_crowded = np.flatnonzero(is_crowded[owner])
+    of_crowded = np.flatnonzero(is_crowded[of_ring])
     near, near_offset = ragged_take(ring_offset, ring, of_crowded)
-    near_end = np.searchsorted(owner[of_crowded], [crowded, crowded + 1])
+    near_end = np.searchsorted(of_ring[of_crowded], [crowded, crowded + 1])
 
     def of_areas(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         found = np.full(len(wanted), None, dtype=object)
@@ -138,10 +138,10 @@ def regions_of(
 
     areas = Polygons.of(_each_alone(len(crowded), of_areas))
     if len(crowded):
-        rest = np.flatnonzero(~is_crowded[owner])
-        (ring, ring_offset), owner = ragged_take(ring_offset, ring, rest), owner[rest]
-    ring, ring_offset, owner = _put_together(ring, ring_offset, owner, moves)
-    at = offsets(np.bincount(owner, minlength=len(count)))
+        rest = np.flatnonzero(~is_crowded[of_ring])
+        (ring, ring_offset), of_ring = ragged_take(ring_offset, ring, rest), of_ring[rest]
+    ring, ring_offset, of_ring = _put_together(ring, ring_offset, of_ring, moves)
+    at = offsets(np.bincount(of_ring, minlength=len(count)))
     data, end, what = outlines(plane.kernel_plane, ring, ring_offset, at, limit_m, place_deg=place_deg)
     found, doubtful = Polygons(data, end), np.flatnonzero(what > OutlineKind.AWAY)
     if not len(doubtful) and not len(crowded) and not (what == OutlineKind.AWAY).any():
@@ -181,24 +181,24 @@ def _of_areas(
 
 
 def _put_together(
-    ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], is_superset: NDArray[np.bool_]
+    ring: Floats, offset: NDArray[np.int64], of_ring: NDArray[np.int64], is_superset: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return rings, offsets and owners; many rings of one owner are merged into a slightly larger superset.
+    """Return rings, offsets and groups; many rings of one group are merged into a slightly larger superset.
 
-    owner : (n,) of each ring, not decreasing
-    is_superset : (owners,) whether a superset is allowed
+    of_ring : (n,) the group of each ring, not decreasing
+    is_superset : (groups,) whether a superset is allowed
     """
-    many = (is_superset & (np.bincount(owner, minlength=len(is_superset)) > _FEW_PARTS))[owner]
+    many = (is_superset & (np.bincount(of_ring, minlength=len(is_superset)) > _FEW_PARTS))[of_ring]
     apart, together = np.flatnonzero(~many), np.flatnonzero(many)
     if not len(together):
-        return ring, offset, owner
+        return ring, offset, of_ring
     taken = [ragged_take(offset, ring, rows) for rows in (apart, together)]
-    parts = [(*taken[0], owner[apart]), joined(*taken[1], owner[together])]
-    rings, sizes, owners = (
+    parts = [(*taken[0], of_ring[apart]), joined(*taken[1], of_ring[together])]
+    rings, sizes, groups = (
         np.concatenate(one) for one in zip(*((r, np.diff(o), of) for r, o, of in parts), strict=True)
     )
-    order = np.argsort(owners, kind="stable")
-    return *ragged_take(offsets(sizes), rings, order), owners[order]
+    order = np.argsort(groups, kind="stable")
+    return *ragged_take(offsets(sizes), rings, order), groups[order]
 
 
 def _each_alone(n: int, work: Callable[[NDArray[np.int64]], NDArray[np.object_]]) -> NDArray[np.object_]:

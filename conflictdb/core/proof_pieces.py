@@ -128,12 +128,12 @@ def _corners_of_parts(flat: shapely.Geometry, footprint: shapely.Geometry) -> li
     polygons = shapely.get_parts(flat)
     if len(polygons) != shapely.get_num_geometries(footprint):
         return None
-    owner, xy, offset = convex_parts(polygons)
+    polygon_of, xy, offset = convex_parts(polygons)
     found: list[list[int]] = []
     first = 0
     for k, polygon in enumerate(polygons):
         corners, rings = _corners(polygon), 1 + shapely.get_num_interior_rings(polygon)
-        mine = np.flatnonzero(owner == k)
+        mine = np.flatnonzero(polygon_of == k)
         if len(mine) == 1 and rings == 1:
             ring = np.arange(first, first + len(corners))
             found.append((ring if shapely.is_ccw(shapely.get_exterior_ring(polygon)) else ring[::-1]).tolist())

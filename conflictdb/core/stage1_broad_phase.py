@@ -54,5 +54,5 @@ def pairs_together(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int = 
 
 def hulls_of(pieces: Pieces) -> NDArray[np.object_]:
     """Return the hulls of pieces (n,), polygons of the plane."""
-    owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
-    return np.asarray(shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=owner)))
+    piece_of = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))
+    return np.asarray(shapely.polygons(shapely.linearrings(pieces.hull_xy, indices=piece_of)))

@@ -33,5 +33,5 @@ def _regions(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[Floats, NDArra
     region = np.full(len(a), None, dtype=object)
     hulls = hulls_of(pieces)
     region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
-    xy, owner = shapely.get_coordinates(region, return_index=True)
-    return xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64)
+    xy, pair_of = shapely.get_coordinates(region, return_index=True)
+    return xy, np.searchsorted(pair_of, np.arange(len(a) + 1)).astype(np.int64)

@@ -607,16 +607,16 @@ typedef enum {
 KERNEL_API KernelStatus kernel_outlines(const KernelPlane *plane, const KernelRings *rings, double limit_m, const double *place,
                                         uint8_t *bytes, int64_t room, int64_t *byte_offset, int8_t *what, int64_t *done);
 
-/* Merge consecutive convex rings of one owner while their hull exceeds their union by at most a tenth. The results need
+/* Merge consecutive convex rings of one group while their hull exceeds their union by at most a tenth. The results need
  * at most as many rings and vertices as the input.
  *
- * ring, ring_offset, owner : (vertex_count, 2), (count + 1,), (count,) closed, counter-clockwise; rings of fewer than
+ * ring, ring_offset, group : (vertex_count, 2), (count + 1,), (count,) closed, counter-clockwise; rings of fewer than
  *     three corners are skipped
- * joined_ring, joined_offset, joined_owner : (w, 2), (joined_count + 1,), (joined_count,) closed, counter-clockwise
+ * joined_ring, joined_offset, joined_group : (w, 2), (joined_count + 1,), (joined_count,) closed, counter-clockwise
  */
 KERNEL_API KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset,
-                                      const int64_t *owner, int64_t count, double *joined_ring, int64_t *joined_offset,
-                                      int64_t *joined_owner, int64_t *joined_count);
+                                      const int64_t *group, int64_t count, double *joined_ring, int64_t *joined_offset,
+                                      int64_t *joined_group, int64_t *joined_count);
 
 /* Merge the triangles of polygons into convex parts, across shared sides.
  *
@@ -685,7 +685,7 @@ typedef struct {
     const uint8_t *is_copy; /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
     const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the row; NULL: all do */
     const int64_t *owner; /* (count,) numbers of owners, 0: without; two rows of one are no pair; NULL: without */
-    const int64_t *type; /* (count,) types of objects; NULL if all types are compared */
+    const int64_t *type; /* (count,) types of objects: kind and class; NULL if all types are compared */
 } KernelBoxes;
 
 /* Which pairs of rows may meet. */

@@ -158,18 +158,18 @@ def outlines(
     return np.concatenate(parts), followed_by(ends), kinds
 
 
-def joined(ring: Floats, offset: _Ints, owner: _Ints) -> tuple[Floats, _Ints, _Ints]:
-    """Merge consecutive convex rings of one owner while their hull exceeds their union by at most a tenth.
+def joined(ring: Floats, offset: _Ints, group: _Ints) -> tuple[Floats, _Ints, _Ints]:
+    """Merge consecutive convex rings of one group while their hull exceeds their union by at most a tenth.
 
-    ring, offset, owner : (v, 2), (n + 1,), (n,)  closed, counter-clockwise
+    ring, offset, group : (v, 2), (n + 1,), (n,)  closed, counter-clockwise
 
-    Returns rings, offsets and owners in the same form.
+    Returns rings, offsets and groups in the same form.
     """
     ring = np.ascontiguousarray(ring, np.float64)
-    offset, owner = (np.ascontiguousarray(array, np.int64) for array in (offset, owner))
-    found, found_offset, found_owner = np.empty_like(ring), np.empty_like(offset), np.empty_like(owner)
+    offset, group = (np.ascontiguousarray(array, np.int64) for array in (offset, group))
+    found, found_offset, found_group = np.empty_like(ring), np.empty_like(offset), np.empty_like(group)
     count = ctypes.c_int64()
-    of_ring, where, of, *room = (address(one) for one in (ring, offset, owner, found, found_offset, found_owner))
-    check(library().kernel_joined(of_ring, len(ring), where, of, len(owner), *room, ctypes.byref(count)))
+    of_ring, where, of, *room = (address(one) for one in (ring, offset, group, found, found_offset, found_group))
+    check(library().kernel_joined(of_ring, len(ring), where, of, len(group), *room, ctypes.byref(count)))
     n = count.value
-    return found[: found_offset[n]].copy(), found_offset[: n + 1].copy(), found_owner[:n].copy()
+    return found[: found_offset[n]].copy(), found_offset[: n + 1].copy(), found_group[:n].copy()

@@ -21,7 +21,7 @@ from conflictdb.model.tolerances import as_members, tolerances_of
 MAX_GROWTH_MPS: Final = 1e6
 
 
-class Few(NamedTuple):
+class FewColumns(NamedTuple):
     """Columns that few plans have, and their rules.
 
     fields : of the columns; a plan that gives one of them must keep the rules
@@ -320,14 +320,14 @@ def _tolerances(tracks: Sequence[Any]) -> Broken:
     return broken
 
 
-_SCHEDULE: Final = Few(("schedule",), _keep_schedule)
-AREA_FEW: Final = (Few(("spans_us",), _keep_spans, _activations, _derive_spans), _SCHEDULE)
+_SCHEDULE: Final = FewColumns(("schedule",), _keep_schedule)
+AREA_FEW: Final = (FewColumns(("spans_us",), _keep_spans, _activations, _derive_spans), _SCHEDULE)
 TRACK_FEW: Final = (
-    Few(("departures_us",), _keep_departures, _departures, _derive_departures, "path"),
+    FewColumns(("departures_us",), _keep_departures, _departures, _derive_departures, "path"),
     _SCHEDULE,
-    Few(("legs",), _keep_legs),
-    Few(("grow_mps",), _keep_growth, _growth, needs="outline"),
-    Few(("outlines_m",), _keep_outlines, _outlines, needs="outline"),
-    Few(("floors_m", "ceilings_m"), _keep_heights, _heights, _derive_heights),
-    Few(("tolerances",), _keep_tolerances, _tolerances),
+    FewColumns(("legs",), _keep_legs),
+    FewColumns(("grow_mps",), _keep_growth, _growth, needs="outline"),
+    FewColumns(("outlines_m",), _keep_outlines, _outlines, needs="outline"),
+    FewColumns(("floors_m", "ceilings_m"), _keep_heights, _heights, _derive_heights),
+    FewColumns(("tolerances",), _keep_tolerances, _tolerances),
 )

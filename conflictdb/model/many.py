@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import plan_rules
-from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, Few
+from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, FewColumns
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns
 from conflictdb.model.plan_rows import Many
 from conflictdb.model.plans import Area, Track
@@ -107,7 +107,7 @@ def _made(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
     return one
 
 
-def _leave_out(made: list[_Made | None], members: Sequence[Mapping[str, Any]], columns: Sequence[Few]) -> None:
+def _leave_out(made: list[_Made | None], members: Sequence[Mapping[str, Any]], columns: Sequence[FewColumns]) -> None:
     """Check the columns that few plans have; plans that break a rule become None."""
     fields = {name for few in columns for name in few.fields}
     some = [i for i, own in enumerate(members) if not fields.isdisjoint(own)]

@@ -19,7 +19,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs, plan_rules
 from conflictdb.model.activations import INFINITY_US as INFINITY_US
 from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
-from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, Few
+from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, FewColumns
 from conflictdb.model.few_rules import MAX_GROWTH_MPS as MAX_GROWTH_MPS
 from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
 from conflictdb.model.plan_rows import One
@@ -426,7 +426,7 @@ def _check_heights(who: str, plan: "Area | Track") -> None:
         plan_rules.heights(*_bounds(plan.floor_m, plan.ceiling_m), _ONE).raise_for(0, who)
 
 
-def _check_few(who: str, plan: "Area | Track", columns: tuple[Few, ...], refusals: Refusals) -> None:
+def _check_few(who: str, plan: "Area | Track", columns: tuple[FewColumns, ...], refusals: Refusals) -> None:
     """Check columns that few plans have; errors are added."""
     for few in columns:
         if few.is_of(plan):

@@ -334,8 +334,8 @@ def _as_objects(values: Sequence[Any]) -> NDArray[np.object_]:
 def _linestrings(positions_deg: Sequence[NDArray[np.float64]]) -> NDArray[np.object_]:
     if not positions_deg:
         return np.empty(0, object)
-    owner = np.repeat(np.arange(len(positions_deg)), [len(one) for one in positions_deg])
-    return np.asarray(shapely.linestrings(stacked(positions_deg), indices=owner), dtype=object)
+    track_of = np.repeat(np.arange(len(positions_deg)), [len(one) for one in positions_deg])
+    return np.asarray(shapely.linestrings(stacked(positions_deg), indices=track_of), dtype=object)
 
 
 def _of_ragged(given: Sequence[NDArray[Any] | None], of: Any) -> Array:

@@ -29,7 +29,7 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
 
     The rings are ragged: vertices (v, 2), offset (n + 1,).
     """
-    polygons, owner = shapely.get_parts(flat, return_index=True)
+    polygons, polygon_of = shapely.get_parts(flat, return_index=True)
     hulls = shapely.convex_hull(polygons)
     whole = shapely.get_num_interior_rings(polygons) == 0
     whole &= shapely.area(hulls) <= shapely.area(polygons) * (1.0 + CONVEX_AREA_SHARE)
@@ -37,7 +37,7 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
     dented = np.flatnonzero(~whole)
     if not dented.size:
         xy, count = _rings(hulls)
-        return owner.astype(np.int64), xy, offsets(count)
+        return polygon_of.astype(np.int64), xy, offsets(count)
     of_triangle, triangles = _triangles(polygons[dented])
     cut = np.unique(of_triangle)
     # A polygon that cannot be triangulated reliably is replaced by its hull, so that nothing is missed.
@@ -53,7 +53,7 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
     order = np.argsort(part, kind="stable")
     xy = np.concatenate([hull_xy, ring_xy])
     taken, offset = ragged_take(offsets(np.concatenate([hull_count, ring_count])), xy, order)
-    return owner[part[order]].astype(np.int64), taken, offset
+    return polygon_of[part[order]].astype(np.int64), taken, offset
 
 
 def _rings(hulls: NDArray[np.object_]) -> tuple[Floats, NDArray[np.int64]]:

@@ -1,4 +1,5 @@
-/* The rule of a pair of pieces (stage 1). sql/20_stage1_broad_phase.sql states it for the database. */
+/* The rule of a pair of pieces (stage 1). For the database sql/20_stage1_broad_phase.sql states it, and of owners and
+ * types sql/12_rules.sql (_are_compared). */
 #ifndef MAY_MEET_H
 #define MAY_MEET_H
 

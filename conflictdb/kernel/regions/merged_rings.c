@@ -27,48 +27,48 @@ static void append(Polygon *to, const Polygon *from) {
 
 typedef struct {
     double *ring;
-    int64_t *offset, *owner, count;
+    int64_t *offset, *group, count;
 } Joined;
 
 /* Write a polygon as a closed ring, unless it is degenerate. */
-static void put(Joined *joined, const Polygon *polygon, int64_t owner) {
+static void put(Joined *joined, const Polygon *polygon, int64_t group) {
     if (polygon->count < 3) return;
     double *next = joined->ring + 2 * joined->offset[joined->count];
     for (int64_t k = 0; k <= polygon->count; k++, next += 2) {
         int64_t i = k < polygon->count ? k : 0;
         next[0] = polygon->x[i], next[1] = polygon->y[i];
     }
-    joined->owner[joined->count++] = owner;
+    joined->group[joined->count++] = group;
     joined->offset[joined->count] = (next - joined->ring) / 2;
 }
 
-/* The largest number of vertices of one owner's consecutive rings. */
-static int64_t most_vertices(const int64_t *offset, const int64_t *owner, int64_t count) {
+/* The largest number of vertices of one group's consecutive rings. */
+static int64_t most_vertices(const int64_t *offset, const int64_t *group, int64_t count) {
     int64_t most = 0;
     for (int64_t i = 0, first = 0; i < count; i++) {
-        if (owner[i] != owner[first]) first = i;
+        if (group[i] != group[first]) first = i;
         most = offset[i + 1] - offset[first] > most ? offset[i + 1] - offset[first] : most;
     }
     return most;
 }
 
-KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset, const int64_t *owner,
-                           int64_t count, double *joined_ring, int64_t *joined_offset, int64_t *joined_owner,
+KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64_t *ring_offset, const int64_t *group,
+                           int64_t count, double *joined_ring, int64_t *joined_offset, int64_t *joined_group,
                            int64_t *joined_count) {
     if (count < 0 || vertex_count < 0) return KERNEL_BAD_COUNT;
     if (!ring_offset || !joined_offset || !joined_count) return KERNEL_NULL;
-    if (count > 0 && (!ring || !owner || !joined_ring || !joined_owner)) return KERNEL_NULL;
+    if (count > 0 && (!ring || !group || !joined_ring || !joined_group)) return KERNEL_NULL;
     if (ring_offset[0] != 0 || ring_offset[count] != vertex_count) return KERNEL_BAD_OFFSET;
     for (int64_t i = 0; i < count; i++)
         if (ring_offset[i + 1] < ring_offset[i]) return KERNEL_BAD_OFFSET;
-    int64_t most = most_vertices(ring_offset, owner, count) + 2;
+    int64_t most = most_vertices(ring_offset, group, count) + 2;
     enum { POLYGONS = 5 };
     double *memory = malloc(4 * POLYGONS * (size_t)most * sizeof *memory);
     if (!memory) return KERNEL_NO_MEMORY;
     Polygon polygon[POLYGONS];
     for (int k = 0; k < POLYGONS; k++) polygon[k] = (Polygon){.x = memory + 4 * k * most, .y = memory + (4 * k + 2) * most};
     Polygon *held = &polygon[0], *hull = &polygon[1], *next = &polygon[2], *room = &polygon[3], *spare = &polygon[4];
-    Joined joined = {joined_ring, joined_offset, joined_owner, 0};
+    Joined joined = {joined_ring, joined_offset, joined_group, 0};
     joined_offset[0] = 0;
     double added = 0.0;
     int64_t of = 0;
@@ -77,7 +77,7 @@ KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64
         next->count = ring_offset[i + 1] - ring_offset[i] - 1;
         if (next->count < 3) continue;
         for (int64_t k = 0; k < next->count; k++) next->x[k] = corner[2 * k], next->y[k] = corner[2 * k + 1];
-        bool is_first = held->count == 0 || owner[i] != of;
+        bool is_first = held->count == 0 || group[i] != of;
         if (!is_first) {
             hull->count = 0;
             append(hull, held);
@@ -93,7 +93,7 @@ KernelStatus kernel_joined(const double *ring, int64_t vertex_count, const int64
         }
         put(&joined, held, of);
         Polygon *before = held;
-        held = next, next = before, added = 0.0, of = owner[i];
+        held = next, next = before, added = 0.0, of = group[i];
     }
     put(&joined, held, of);
     *joined_count = joined.count;
