@@ -38,7 +38,7 @@ _NO_OBJECTS: Final = AreaBatch.of([]), TrackBatch.of([])
 class Question(NamedTuple):
     """Which pairs of pieces are asked for; by default all that share time, heights and place.
 
-    mine : (m,) one of these is in each pair; None: any two
+    mine : (m,) rows of pieces, one of which is in each pair; None: all pairs
     earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
     each_way : also the mirror images of pairs of which both are mine
     any_height : pairs need not share heights
