@@ -5,13 +5,11 @@ from typing import Final
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.core.members import Members
-from conflictdb.core.near import Together
+from conflictdb.core.near import Question, Together
 from conflictdb.core.run import run_scene
-from conflictdb.core.stage1_broad_phase import rows_of
 from conflictdb.core.to_results import to_results
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.kernel.boxes import BoxTree
 from conflictdb.model.results import Conflict
 
 # Conflicts in one answer about given plans: 1,000 plans that all meet are refused after 2 s.
@@ -29,12 +27,10 @@ def conflicts_between(setup: Setup, mine: Members, others: Members, *, among: bo
     """
     if not len(others.pieces) and not among:
         return []
-    within_us = setup.scene.longest_time_us
-    rows, met = rows_of(mine.pieces), Together(mine, _AT_ONCE)
+    question, met = Question.of(setup.scene), Together(mine, _AT_ONCE)
     if among:
-        met.add_among(rows, within_us)
-    tree = BoxTree(rows_of(others.pieces))
-    met.add(others.pieces, others.of, others.each.__getitem__, *tree.pairs(rows, within_us))
+        met.add_among(question)
+    met.add_members(others, question)
     return to_results(setup.scene, met.named, bounded(part for part, _ in run_scene(setup, met)))
 
 

@@ -241,13 +241,23 @@ class Together:
         """Whether two pieces may meet."""
         return any(len(rows) for rows in self._a)
 
-    def add_among(self, rows: RowBoxes, within_us: int) -> None:
-        """Add pairs of the first objects with each other; rows : their pieces."""
+    @cached_property
+    def rows(self) -> RowBoxes:
+        """The pieces of the first objects, as rows without types."""
+        return rows_of(self._pieces[0])
+
+    def add_among(self, question: Question) -> None:
+        """Add pairs of the first objects with each other."""
         if len(self._members) > 1:
-            first, second = BoxTree(rows).pairs(rows, within_us)
+            first, second = BoxTree(self.rows).pairs(self.rows, question.within_us)
             once = self._of[0][first] < self._of[0][second]
             self._a.append(first[once])
             self._b.append(second[once])
+
+    def add_members(self, others: Members, question: Question) -> None:
+        """Add pairs of the first objects with others."""
+        tree = BoxTree(rows_of(others.pieces))
+        self.add(others.pieces, others.of, others.each.__getitem__, *tree.pairs(self.rows, question.within_us))
 
     def add(
         self,

@@ -20,7 +20,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.conflicts_between import conflicts_of
 from conflictdb.core.members import Member, Members, Plan, by_kind
-from conflictdb.core.near import Together
+from conflictdb.core.near import Question, Together
 from conflictdb.core.stage1_broad_phase import rows_of
 from conflictdb.core.world import World, has_schedules, horizon, hull, touched
 from conflictdb.earth.registry import Setup
@@ -179,12 +179,12 @@ class Index:
         scene = world.setup.scene
         mine = self._cut.members(world, given)
         keys = {one.key for one in given}
-        asked, met = rows_of(mine.pieces), Together(mine)
+        question, met = Question.of(scene), Together(mine)
         if owner is None:
-            met.add_among(asked, scene.longest_time_us)
-        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(asked)
+            met.add_among(question)
+        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(met.rows)
         for tree, put in (*state.levels, *extra.levels):
-            first, second = tree.pairs_of(held, scene.longest_time_us)
+            first, second = tree.pairs_of(held, question.within_us)
             if not len(second):
                 continue
             of = put.object_of[second].tolist()
