@@ -376,7 +376,8 @@ BEGIN
                         'history_kept_positive');
     END IF;
     LOCK TABLE edit_seal IN SHARE ROW EXCLUSIVE MODE;
-    v_anchor := (SELECT max(s.seal_id) FROM edit_seal s WHERE s.sealed_at <= now() - p_kept);
+    -- No seal is older; more would leave the calendar.
+    v_anchor := (SELECT max(s.seal_id) FROM edit_seal s WHERE s.sealed_at <= now() - least(p_kept, '1000 years'));
     DELETE FROM edit e USING (SELECT r FROM edit_seal s, unnest(s.edit_ids) r WHERE s.seal_id <= v_anchor) b
         WHERE e.edit_id >= lower(b.r) AND e.edit_id < upper(b.r);
     GET DIAGNOSTICS v_removed = ROW_COUNT;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "869b95823825badb19c3a5bebe99230a9e20b2bfb586739accf3e982a676f771"
+routines_sha256 = "be57cb124f95ff7009a1c3e555e95a4bb56540c15817ae80ece6eea74e086df3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
