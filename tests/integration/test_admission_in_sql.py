@@ -421,3 +421,11 @@ def test_an_answer_in_sql_has_a_bounded_number_of_conflicts(db: Database) -> Non
     # The last plan is compared with all others.
     assert 50_000 < compared[0] <= 50_000 + 400
     assert len(asked(conn, *(square(f"{k}", 0.0) for k in range(20)))[1]) == 190
+
+
+@pytest.mark.usefixtures("city")
+def test_pairs_that_workers_decide_are_no_conflicts_yet(db: Database) -> None:
+    """51,040 pairs of 320 flights: more than an answer may have, and perhaps none of them is a conflict."""
+    with pytest.raises(psycopg.Error, match="only one can decide about these plans") as refused:
+        asked(db.connection, *(flight(f"{k}", 0.0) for k in range(320)))
+    assert refused.value.sqlstate == "ZC015"
