@@ -4,6 +4,7 @@ Spark is a Java program controlled from Python. It needs Java 17, the packages o
 Sedona, which are fetched once by their Maven coordinates or come with the cluster.
 """
 
+import fcntl
 import os
 import re
 import shlex
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, MutableMapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from threading import current_thread, main_thread
@@ -141,7 +142,7 @@ def session(
     if not is_submitted:
         environ.setdefault("PYSPARK_PYTHON", sys.executable)  # the default interpreter of workers
         alone = _alone(master or options.get("spark.master", "local[*]"), _said_elsewhere(environ))
-        builder = builder.config(map=alone | _with_jars(_jars(cache, packages), options))
+        builder = builder.config(map=alone)
     else:
         builder = builder.config(map=dict(options))
         if master is not None:
@@ -149,7 +150,11 @@ def session(
     heard = signal.getsignal(signal.SIGINT)
     with tempfile.TemporaryFile("w+") as said:
         try:
-            with _printed_to(said.fileno() if is_quiet and not is_submitted else None):
+            with ExitStack() as fetched:
+                if not is_submitted:
+                    jars = fetched.enter_context(_jars(cache, packages))
+                    builder = builder.config(map=_with_jars(jars, options))
+                fetched.enter_context(_printed_to(said.fileno() if is_quiet and not is_submitted else None))
                 spark = builder.getOrCreate()
         except PySparkRuntimeError as error:
             said.seek(0)
@@ -275,19 +280,31 @@ def _with_jars(jars: dict[str, Any], options: Mapping[str, str]) -> dict[str, An
     return jars | {name: value for name, value in options.items() if name != "spark.master"} | both
 
 
-def _jars(cache: Path, packages: list[str]) -> dict[str, Any]:
-    """Return the options for Spark's jars: files fetched before, else Maven coordinates."""
+@contextmanager
+def _jars(cache: Path, packages: list[str]) -> Iterator[dict[str, Any]]:
+    """Yield the options for Spark's jars: files fetched before, else Maven coordinates, to be fetched in the block.
+
+    Sessions fetch one after another: two that fetch a jar at once make each other fail.
+    """
     kept = [cache / "jars" / "{}_{}-{}.jar".format(*package.split(":")) for package in packages]
-    if all(jar.is_file() for jar in kept):
-        return {"spark.jars": ",".join(map(str, kept))}
-    settings = cache / "ivysettings.xml"
+    found = {"spark.jars": ",".join(map(str, kept))}
+    if all(jar.is_file() for jar in kept) and not os.access(cache, os.W_OK):  # nobody fetches into it
+        yield found
+        return
     cache.mkdir(parents=True, exist_ok=True)
-    settings.write_text(_SETTINGS_OF_IVY)
-    return {
-        "spark.jars.packages": ",".join(packages),
-        "spark.jars.ivy": str(cache),
-        "spark.jars.ivySettings": str(settings),
-    }
+    with (cache / "fetching.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if all(jar.is_file() for jar in kept):
+            fcntl.flock(lock, fcntl.LOCK_UN)
+            yield found
+            return
+        settings = cache / "ivysettings.xml"
+        settings.write_text(_SETTINGS_OF_IVY)
+        yield {
+            "spark.jars.packages": ",".join(packages),
+            "spark.jars.ivy": str(cache),
+            "spark.jars.ivySettings": str(settings),
+        }
 
 
 @contextmanager

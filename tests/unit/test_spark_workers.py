@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import threading
 import time
 import zipfile
 from collections import defaultdict
@@ -23,6 +24,7 @@ import shapely.affinity
 from draws import draws
 from layouts import GROWING, OCEAN, SEAM, Workload
 from mixed_scenes import plain_scene
+from patience import WAIT_S
 from spark_answers import answer_of_one_machine, in_order, need_pyspark
 
 from conflictdb import kernel
@@ -96,6 +98,30 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
         engine.session(None, tmp_path, {}, is_quiet=True, options={"spark.sql.session.timeZone": "CET"}),
     ):
         pass
+
+
+def test_sessions_fetch_jars_one_after_another(tmp_path: Path) -> None:
+    """Two that fetch a jar at once make each other fail: Ivy writes it under one name."""
+    need_pyspark()
+    from conflictdb.spark import engine
+
+    jar = tmp_path / "jars" / "group_name-1.jar"
+    fetched = threading.Event()
+    met: list[tuple[dict[str, Any], bool]] = []
+
+    def second() -> None:
+        with engine._jars(tmp_path, ["group:name:1"]) as jars:
+            met.append((jars, fetched.is_set()))
+
+    with engine._jars(tmp_path, ["group:name:1"]) as jars:
+        assert jars["spark.jars.packages"] == "group:name:1"
+        thread = threading.Thread(target=second, daemon=True)
+        thread.start()
+        jar.parent.mkdir()
+        jar.touch()
+        fetched.set()
+    thread.join(WAIT_S)
+    assert met == [({"spark.jars": str(jar)}, True)]
 
 
 def test_the_file_of_a_java_says_its_version(tmp_path: Path) -> None:
