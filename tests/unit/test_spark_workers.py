@@ -117,6 +117,8 @@ def test_sessions_fetch_jars_one_after_another(tmp_path: Path) -> None:
         assert jars["spark.jars.packages"] == "group:name:1"
         thread = threading.Thread(target=second, daemon=True)
         thread.start()
+        thread.join(0.2)
+        assert not met, "it waits"
         jar.parent.mkdir()
         jar.touch()
         fetched.set()
