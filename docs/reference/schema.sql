@@ -1466,6 +1466,9 @@ FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT
 FUNCTION _explained_text(j jsonb)
     RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _faster_leg(p_path geometry, p_most_kn double precision, OUT leg integer, OUT kn double precision)
+    RETURNS record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _feature(p_area area)
     RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
@@ -1799,7 +1802,7 @@ FUNCTION _members_of_plans()
 FUNCTION _met_by_place(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
-FUNCTION _met_by_plans(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+FUNCTION _met_by_plans(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[], p_most integer)
     RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, periods tstzmultirange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _microseconds(p_at timestamp with time zone)
@@ -1880,6 +1883,9 @@ FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, I
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _oldest_editor(p_snapshot pg_snapshot)
+    RETURNS xid8 LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
+
 FUNCTION _on_map(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1936,9 +1942,6 @@ FUNCTION _pieces_may_meet(p_a piece, p_b piece, p_within_s double precision, p_a
 
 FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
-
-FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_material=off SET jit=off;
 
 FUNCTION _pieces_of(p_row piece)
     RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -2083,6 +2086,9 @@ FUNCTION _rough_pieces_at(p_scene_id bigint, p_wanted_m double precision, p_kind
 
 FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea, OUT marks bytea, OUT with_numbers bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
+FUNCTION _rows_to_compare(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_material=off SET jit=off;
 
 FUNCTION _rule_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
