@@ -202,9 +202,9 @@ def conn(dsn: str, _reused: ReusedDatabase) -> Iterator[psycopg.Connection[Any]]
 
 
 @pytest.fixture
-def run(dsn: str, _reused: ReusedDatabase, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
     """Return a function that runs a command on a database with the schema and nothing in it."""
-    return runner(dsn, capsys, _reused.lent.connect)
+    return runner(dsn, capsys)
 
 
 def _worker_input(config: pytest.Config) -> dict[str, Any]:

@@ -103,33 +103,3 @@ def test_what_a_kept_session_left_is_counted(reused: ReusedDatabase) -> None:
                 conn.commit()
             reused.clean()
         assert reused.dsn() != dsn
-
-
-def test_a_lent_session_is_as_a_new_one(reused: ReusedDatabase) -> None:
-    """Closed, it is lent again, without what was set in it; after a setting for new sessions it is not lent."""
-    dsn = reused.dsn()
-    query = (
-        "SELECT current_setting('work_mem'), to_regclass('mine'), (SELECT count(*) FROM pg_listening_channels()), "
-        "(SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND pid = pg_backend_pid())"
-    )
-    with psycopg.connect(dsn) as conn:
-        expected = conn.execute(query).fetchone()
-    lent = reused.lent.connect(dsn)
-    pid = lent.info.backend_pid
-    lent.execute("SET work_mem = '77MB'; CREATE TEMPORARY TABLE mine (); LISTEN mine; SELECT pg_advisory_lock(7)")
-    lent.commit()
-    for _ in range(2):
-        lent.close()
-    again = reused.lent.connect(dsn)
-    assert again.info.backend_pid == pid
-    assert again.execute(query).fetchone() == expected
-    again.close()
-    with psycopg.connect(dsn) as conn:
-        conn.execute(REPLACED["a setting"])
-    other = reused.lent.connect(dsn)
-    assert other.info.backend_pid != pid
-    assert other.execute("SHOW work_mem").fetchone() == ("64kB",)
-    other.close()
-    reused.clean()
-    assert reused.dsn() != dsn
-    reused.clean()

@@ -4,15 +4,12 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import psycopg
 import pytest
 
 import conflictdb
 from conflictdb.cli import main
-from conflictdb.store import connection
 
 # Columns that are equal for a detection and for conflicts computed by another program.
 KEPT = (
@@ -36,19 +33,13 @@ class Outcome:
 Run = Callable[..., Outcome]
 
 
-def runner(
-    dsn: str, capsys: pytest.CaptureFixture[str], connect: Callable[..., psycopg.Connection[Any]] | None = None
-) -> Run:
-    """Return a function that runs one command on a database; `connect` opens its sessions in place of psycopg's."""
-    driver = SimpleNamespace(**{**vars(psycopg), "connect": connect or psycopg.connect})
+def runner(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs one command on a database."""
 
     def run(*words: str | Path) -> Outcome:
         capsys.readouterr()
         try:
-            with pytest.MonkeyPatch.context() as patch:
-                if connect is not None:
-                    patch.setattr(connection, "psycopg", driver)
-                code = main(["--dsn", dsn, *map(str, words)])
+            code = main(["--dsn", dsn, *map(str, words)])
         except SystemExit as ended:
             code = int(ended.code or 0)
         return Outcome(code, *capsys.readouterr())

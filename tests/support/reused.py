@@ -3,14 +3,12 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from itertools import count
 from typing import Any
 
 import psycopg
 from databases import TestServer
 from patience import WAIT_S
-from psycopg.pq import TransactionStatus
 from psycopg.rows import tuple_row
 
 # Catalogs that say all that a test may add, change or remove in a database.
@@ -82,8 +80,7 @@ SELECT EXISTS (SELECT FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regna
 """
 END_SESSIONS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity
-WHERE datname = current_database() AND pid <> ALL (pg_backend_pid() || %(kept)s::int[])
-      AND backend_type = 'client backend'
+WHERE datname = current_database() AND pid NOT IN (pg_backend_pid(), %(kept)s) AND backend_type = 'client backend'
 """
 # Owners and grants, as a number and a sum of hashes (a thousand rows in order would take a third of a clean-up), and
 # settings, which the whole server keeps, and the version of the schema.
@@ -101,69 +98,6 @@ FORGET_ALL = """
 SET SESSION AUTHORIZATION DEFAULT; RESET ALL; CLOSE ALL; UNLISTEN *; SELECT pg_advisory_unlock_all();
 DISCARD TEMP; DISCARD SEQUENCES
 """
-
-
-# Settings that a new session would have.
-SET_FOR_SESSIONS = """
-SELECT array_agg(setconfig ORDER BY setdatabase, setrole)::text FROM pg_db_role_setting
-WHERE setrole IN (0, current_user::regrole) AND setdatabase IN (0, (SELECT oid FROM pg_database
-                                                                    WHERE datname = current_database()))
-"""
-
-
-class LentSessions:
-    """Sessions that commands use in turn: one that is closed is lent to the next command with the same address.
-
-    New sessions take the server 75 ms to read catalogs and to compile routines, more than most commands.
-    """
-
-    def __init__(self) -> None:
-        self._free: dict[str, psycopg.Connection[Any]] = {}
-        self._before: dict[psycopg.Connection[Any], tuple[list[object], object]] = {}
-
-    def free(self) -> list[psycopg.Connection[Any]]:
-        """Return the sessions that nobody uses."""
-        return [*self._free.values()]
-
-    def connect(self, dsn: str, **options: Any) -> psycopg.Connection[Any]:
-        """Do what `psycopg.connect` does."""
-        conn = self._free.pop(dsn, None)
-        if conn is not None:
-            with suppress(psycopg.Error):  # the test ended the session
-                conn.autocommit = True
-                settings = conn.execute(SET_FOR_SESSIONS).fetchone()
-                conn.autocommit = False
-                if settings == self._before[conn][1]:
-                    return conn
-            self._end(conn)
-        conn = psycopg.connect(dsn, **options)
-        state = _state_of(conn)
-        self._before[conn] = state, conn.execute(SET_FOR_SESSIONS).fetchone()
-        conn.rollback()
-        conn.close = partial(self._give_back, dsn, conn)  # type: ignore[method-assign]
-        return conn
-
-    def _give_back(self, dsn: str, conn: psycopg.Connection[Any]) -> None:
-        if conn in self._free.values() or conn.closed:
-            return
-        with suppress(psycopg.Error):
-            if dsn not in self._free and conn.info.transaction_status is not TransactionStatus.ACTIVE:
-                conn.rollback()
-                if _state_of(conn) == self._before[conn][0]:
-                    _forget(conn)
-                    self._free[dsn] = conn
-                    return
-        self._end(conn)
-
-    def _end(self, conn: psycopg.Connection[Any]) -> None:
-        self._before.pop(conn, None)
-        psycopg.Connection.close(conn)
-
-    def close(self) -> None:
-        """End all."""
-        for conn in self.free():
-            self._end(conn)
-        self._free.clear()
 
 
 class ReusedDatabase:
@@ -186,7 +120,6 @@ class ReusedDatabase:
         self._rows: set[int] = set()
         self._newest = 0
         self._shared = self._since = ""
-        self.lent = LentSessions()
 
     def dsn(self) -> str:
         """Return how to connect to it; it is as the template."""
@@ -231,14 +164,17 @@ class ReusedDatabase:
         with suppress(psycopg.Error):  # the test ended the session
             conn.rollback()
             if own and _state_of(conn) == before:
-                _forget(conn)
+                conn.autocommit = True
+                conn.execute(FORGET_ALL)
+                if conn.info.server_version >= 150000:  # it has not ended, see WRITTEN
+                    conn.execute("SELECT pg_stat_force_next_flush()")
+                conn.autocommit = False
                 self._kept = conn
                 return
         conn.close()
 
     def drop(self) -> None:
         """Drop it; the next test gets another clone."""
-        self.lent.close()
         if self._kept is not None:
             self._kept.close()
             self._kept = None
@@ -257,7 +193,7 @@ class ReusedDatabase:
 
     def _is_cleaned(self, conn: psycopg.Connection[Any]) -> bool:
         end = time.monotonic() + WAIT_S
-        kept = [conn.info.backend_pid for conn in (self._kept, *self.lent.free()) if conn is not None]
+        kept = 0 if self._kept is None else self._kept.info.backend_pid
         while conn.execute(END_SESSIONS, {"kept": kept}).rowcount > 0:
             assert time.monotonic() < end, f"sessions of {self._name} do not end"
             time.sleep(0.002)
@@ -323,15 +259,6 @@ class ReusedDatabase:
         row = conn.execute(query, values).fetchone()
         assert row is not None
         return row[0]
-
-
-def _forget(conn: psycopg.Connection[Any]) -> None:
-    """Make a session as a new one."""
-    conn.autocommit = True
-    conn.execute(FORGET_ALL)
-    if conn.info.server_version >= 150000:  # it has not ended, see WRITTEN
-        conn.execute("SELECT pg_stat_force_next_flush()")
-    conn.autocommit = False
 
 
 def _state_of(conn: psycopg.Connection[Any]) -> list[object]:
