@@ -167,7 +167,8 @@ BEGIN
                 WHERE e.ctid = ANY (ARRAY(
                     SELECT o.place
                     FROM (SELECT x.ctid AS place, x.kind,
-                                 lead(x.kind) OVER (PARTITION BY x.conflict_id ORDER BY x.conflict_event_id) AS next_kind
+                                 lead(x.kind) OVER (PARTITION BY x.conflict_id ORDER BY x.conflict_event_id)
+                                     AS next_kind
                           FROM conflict_event x
                           WHERE x.scene_id = p_scene_id AND x.at <= v_until AND x.run_id <= v_run_id) o
                     WHERE o.next_kind IS NOT NULL OR o.kind = 'closed'))

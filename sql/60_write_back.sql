@@ -484,8 +484,8 @@ WITH member AS MATERIALIZED (
                 told_periods = o.told_periods, lacking_s = o.lacking_s, certainty = o.certainty
             FROM located o
             WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
-              -- A rule or setting that changes the digest alone (0: not known) writes nothing. Rows that stay where they
-              -- are let the table shrink again after a rule that made many conflicts.
+              -- A rule or setting that changes the digest alone (0: not known) writes nothing. Rows that stay where
+              -- they are let the table shrink again after a rule that made many conflicts.
               AND (c.digest = 0
                    OR (c.a_kind, c.a_id, c.a_version, c.a_key, c.b_kind, c.b_id, c.b_version, c.b_key, c.periods,
                        c.verdict, c.region, c.first_contact_point, c.method, c.time_error_s, c.closest_at, c.closest_m,

@@ -331,6 +331,38 @@ class ShareRow(Base):
     shared_at: Mapped[datetime | None]
 
 
+class EditRow(Base):
+    """An edit of a plan, rule or scene: a row of the view `edits`."""
+
+    __tablename__ = "edits"
+
+    edit: Mapped[int] = mapped_column(primary_key=True)
+    at: Mapped[datetime]
+    scene: Mapped[str | None]
+    kind: Mapped[str]
+    action: Mapped[str]
+    key: Mapped[str] = mapped_column(primary_key=True)
+    former_key: Mapped[str | None]
+    role: Mapped[str]
+    login: Mapped[str]
+    application: Mapped[str | None]
+    client: Mapped[str | None]
+    pid: Mapped[int] = mapped_column(Integer)
+    transaction_id: Mapped[str]
+
+
+class LimitRow(Base):
+    """A limit, which administrators set: a row of the view `limits`."""
+
+    __tablename__ = "limits"
+
+    name: Mapped[str] = mapped_column(primary_key=True)
+    value: Mapped[float | None]
+    default_value: Mapped[float | None]
+    unit: Mapped[str]
+    doc: Mapped[str]
+
+
 class QueuedRow(Base):
     """A scene that waits for detection: a row of the view `queue`."""
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "be57cb124f95ff7009a1c3e555e95a4bb56540c15817ae80ece6eea74e086df3"
+routines_sha256 = "14a5170eb50c5b4914a37d072bb9e29c018cd11193512de9831bed7afe74d553"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

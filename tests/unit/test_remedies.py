@@ -15,7 +15,7 @@ OF_SQL = re.compile(r"\b\w+\(|\bST_\w+|\bSELECT\b|\bview \w+|Give every,")
 # Arguments that this package creates itself, and steps done in SQL also by users of commands: maps, settings, grants.
 KEPT = {
     *("footprint_srid", "path_srid", "path_linestring_m", "outline_ring", "outlines_multipolygon", "outline_polygon"),
-    *("path_trajectory", "geometry_srid", "geometry_valid", "attached_srid", "map_expression"),
+    *("path_trajectory", "path_speed_possible", "geometry_srid", "geometry_valid", "attached_srid", "map_expression"),
     *("limit_is_number", "attached_readable", "attached_whole", "attached_schema_owned", "attached_given_away"),
 }
 
