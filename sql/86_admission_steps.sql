@@ -49,15 +49,23 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 DECLARE
     v_scene_id bigint := _scene_to_change(p_scene);
+    v_named_id bigint;
     v_lock_timeout text := current_setting('lock_timeout');
 BEGIN
     IF p_wait_s IS NOT NULL THEN
         PERFORM set_config('lock_timeout', greatest(1, ceil(1000 * p_wait_s))::integer::text, true);
     END IF;
-    -- A row lock, as for detections: only roles that may change the scene can take it.
-    INSERT INTO admission_lock AS l (scene_id, taken) VALUES (v_scene_id, 1)
-        -- Any number changes, also one that an editor chose.
-        ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken # 1;
+    LOOP
+        -- A row lock, as for detections: only roles that may change the scene can take it.
+        INSERT INTO admission_lock AS l (scene_id, taken) VALUES (v_scene_id, 1)
+            -- Any number changes, also one that an editor chose.
+            ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken # 1;
+        -- Plans are put by the scene's name: it may have passed to another scene during the wait, and stays from here.
+        PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR KEY SHARE;
+        v_named_id := _scene_to_change(p_scene);
+        EXIT WHEN v_named_id = v_scene_id;
+        v_scene_id := v_named_id;
+    END LOOP;
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
     -- Names the holder (_admission_holders), also one in a savepoint. Excludes nobody and waits for nobody.
     PERFORM pg_try_advisory_xact_lock_shared(_admission_marker(), (v_scene_id % 2147483647)::integer);

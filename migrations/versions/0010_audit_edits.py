@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "14a5170eb50c5b4914a37d072bb9e29c018cd11193512de9831bed7afe74d553"
+routines_sha256 = "3e45feaca0bd72122734fac2f796028a8e7a8e1ada08277899b99585a15db837"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -13,6 +13,7 @@ from draws import draws
 from full_plans import lost
 from mixed_scenes import odd_scene
 from odd_values import STORABLE
+from patience import until
 
 from conflictdb import (
     Area,
@@ -318,6 +319,36 @@ def test_an_open_transaction_keeps_others_waiting(dsn: str, city: StoredScene) -
             conn.rollback()
             assert waits.result()
     assert keys(city) == ["b", "c"]
+
+
+@pytest.mark.parametrize("in_sql", [True, False], ids=["sql", "python"])
+@pytest.mark.parametrize(
+    "away",
+    ["SELECT conflictdb.rename_scene('city', 'former')", "SELECT conflictdb.remove_scene('city')"],
+    ids=["renamed", "removed"],
+)
+def test_the_name_may_pass_to_another_scene_during_the_wait(
+    dsn: str, city: StoredScene, *, in_sql: bool, away: str
+) -> None:
+    """The plan is compared with the objects of the scene that it would be put into."""
+
+    def second() -> bool:
+        if in_sql:
+            with psycopg.connect(dsn) as other:
+                return bool(asked(other, square("n", 0.0))[0])
+        with connect(dsn) as db:
+            return bool(db.scene("city").admit(square("n", 0.0)))
+
+    with psycopg.connect(dsn) as conn, psycopg.connect(dsn, autocommit=True) as watch, ThreadPoolExecutor(1) as thread:
+        asked(conn, square("x", 0.5))
+        waits = thread.submit(second)
+        waiting = "SELECT FROM pg_stat_activity WHERE %s = ANY (pg_blocking_pids(pid))"
+        until(lambda: waits.done() or watch.execute(waiting, [conn.info.backend_pid]).fetchone() is not None)
+        conn.execute(away.encode())
+        store.replace_scene(conn, CITY, [square("other", 0.005)], [], merge=True)
+        conn.commit()
+        assert not waits.result()
+    assert keys(city) == ["other"]
 
 
 def test_a_transaction_that_is_too_old_is_refused(dsn: str, city: StoredScene) -> None:
