@@ -114,9 +114,11 @@ BEGIN
                         format('must be a number of %s from 0 to %s; got %s', v_known.unit, v_known.most, p_value),
                         'limit_is_number');
     END IF;
-    DELETE FROM upper_limit l WHERE l.name = p_name;
-    IF p_value IS NOT NULL THEN
-        INSERT INTO upper_limit (name, value) VALUES (p_name, p_value);
+    IF p_value IS NULL THEN
+        DELETE FROM upper_limit l WHERE l.name = p_name;
+    ELSE
+        INSERT INTO upper_limit (name, value) VALUES (p_name, p_value)
+            ON CONFLICT (name) DO UPDATE SET value = excluded.value;
     END IF;
 END
 $$;

@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from patience import until
 
 from conflictdb.client.database import connect
 from conflictdb.errors import InvalidInput
@@ -181,6 +183,21 @@ def test_an_administrator_sets_and_resets_a_limit(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.set_limit('max_vertices', NULL)")
     assert limits(conn)["max_vertices"] == MAX_POINTS
     conn.execute("SELECT conflictdb.put_area('s', 'A', %s)", [SQUARE])
+
+
+def test_two_administrators_set_a_limit(dsn: str) -> None:
+    """The second one waits, and wins."""
+    waits = "SELECT cardinality(pg_blocking_pids(%s))"
+    with psycopg.connect(dsn, autocommit=True) as first, psycopg.connect(dsn, autocommit=True) as second:
+        for before in (None, 9):
+            first.execute("SELECT conflictdb.set_limit('max_vertices', %s)", [before])
+            setting = threading.Thread(target=second.execute, args=["SELECT conflictdb.set_limit('max_vertices', 5)"])
+            with first.transaction():
+                first.execute("SELECT conflictdb.set_limit('max_vertices', 4)")
+                setting.start()
+                until(lambda: first.execute(waits.encode(), [second.info.backend_pid]).fetchone() != (0,))
+            setting.join()
+            assert limits(first)["max_vertices"] == 5
 
 
 def test_new_tracks_below_a_limit_of_speed_are_checked_together(conn: Conn) -> None:
