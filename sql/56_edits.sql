@@ -86,11 +86,29 @@ BEGIN
     IF _is_restoring() THEN
         RETURN NULL;
     END IF;
-    INSERT INTO edit (scene_id, scene, kind, action, keys)
-        SELECT r.scene_id, coalesce(s.name, _former_name(r.scene_id)), 'rule',
-               CASE TG_OP WHEN 'INSERT' THEN 'put' WHEN 'UPDATE' THEN 'change' ELSE 'delete' END,
-               ARRAY[coalesce(r.a_class, 'any') || ' / ' || coalesce(r.b_class, 'any')]
-        FROM changed_rows r LEFT JOIN scene s USING (scene_id) ORDER BY r.rule_id;
+    IF TG_OP = 'UPDATE' THEN
+        -- A rule that moves is an edit of both scenes.
+        INSERT INTO edit (scene_id, scene, kind, action, keys, former_keys)
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), 'rule', c.action, ARRAY[c.key],
+                   CASE c.action WHEN 'rename' THEN ARRAY[u.former_key] END
+            FROM (SELECT n.rule_id, n.scene_id, o.scene_id AS former_scene_id,
+                         coalesce(n.a_class, 'any') || ' / ' || coalesce(n.b_class, 'any') AS key,
+                         coalesce(o.a_class, 'any') || ' / ' || coalesce(o.b_class, 'any') AS former_key
+                  FROM changed_rows n JOIN old_rows o USING (rule_id) WHERE n *<> o) u
+            CROSS JOIN LATERAL (VALUES
+                (u.scene_id, CASE WHEN u.scene_id <> u.former_scene_id THEN 'put'
+                                  WHEN u.key <> u.former_key THEN 'rename' ELSE 'change' END, u.key),
+                (CASE WHEN u.scene_id <> u.former_scene_id THEN u.former_scene_id END, 'delete', u.former_key)
+            ) c (scene_id, action, key)
+            LEFT JOIN scene s ON s.scene_id = c.scene_id
+            WHERE c.scene_id IS NOT NULL ORDER BY u.rule_id;
+    ELSE
+        INSERT INTO edit (scene_id, scene, kind, action, keys)
+            SELECT r.scene_id, coalesce(s.name, _former_name(r.scene_id)), 'rule',
+                   CASE TG_OP WHEN 'INSERT' THEN 'put' ELSE 'delete' END,
+                   ARRAY[coalesce(r.a_class, 'any') || ' / ' || coalesce(r.b_class, 'any')]
+            FROM changed_rows r LEFT JOIN scene s USING (scene_id) ORDER BY r.rule_id;
+    END IF;
     RETURN NULL;
 END
 $$;
@@ -172,8 +190,8 @@ CREATE OR REPLACE TRIGGER track_edits_deleted AFTER DELETE ON track REFERENCING 
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE OR REPLACE TRIGGER rule_edits_inserted AFTER INSERT ON rule REFERENCING NEW TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
-CREATE OR REPLACE TRIGGER rule_edits_updated AFTER UPDATE ON rule REFERENCING NEW TABLE AS changed_rows
-    FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
+CREATE OR REPLACE TRIGGER rule_edits_updated AFTER UPDATE ON rule
+    REFERENCING OLD TABLE AS old_rows NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
 CREATE OR REPLACE TRIGGER rule_edits_deleted AFTER DELETE ON rule REFERENCING OLD TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
 CREATE OR REPLACE TRIGGER branch_edit_edits_inserted AFTER INSERT ON branch_edit REFERENCING NEW TABLE AS new_rows
@@ -320,7 +338,8 @@ CREATE OR REPLACE FUNCTION verify_edits(
     OUT anchor bigint, OUT batches bigint, OUT edits bigint, OUT unsealed bigint, OUT first_wrong bigint,
     OUT reason text, OUT last_batch bigint, OUT last_digest text
 )
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
+-- STABLE: all its queries see one state, so edits that are pruned meanwhile are not missing.
+LANGUAGE plpgsql STABLE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
 DECLARE
     v_seal edit_seal;
     v_former edit_seal;

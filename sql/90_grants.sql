@@ -122,6 +122,8 @@ GRANT INSERT, UPDATE (taken) ON admission_lock TO conflictdb_editor;
 -- A superfluous mark only causes another detection.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes, set_limit, prune_edits FROM conflictdb_worker;
+-- Readers may not see all edits, and would report them as missing.
+REVOKE EXECUTE ON FUNCTION verify_edits FROM conflictdb_reader;
 -- Attaching tables and taking their rows over. Writers of the tables need none of this.
 GRANT EXECUTE ON FUNCTION attach, reattach, detach, preview_attachment, preview_reattachment, _preview,
                           _register_attachment, _check_attachment, _hold_attachment, _change_attachment,

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3e45feaca0bd72122734fac2f796028a8e7a8e1ada08277899b99585a15db837"
+routines_sha256 = "4781b1ea78decb25cd02736fb664bdfd2a82a2f29a7ee02a67f29916dfcc7636"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

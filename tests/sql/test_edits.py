@@ -107,6 +107,26 @@ def test_each_edit_is_noted(conn: Conn) -> None:
     ]
 
 
+def test_a_changed_rule_leaves_no_former_rule_unmentioned(conn: Conn) -> None:
+    """Whether its sides change, or its scene; a rule written as it is is no edit."""
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.create_scene('z')")
+    conn.execute("SELECT conflictdb.put_rule('s', 'ferry', 'area', 500)")
+    conn.execute("UPDATE conflictdb.rule SET a_class = a_class")
+    conn.execute("UPDATE conflictdb.rule SET separation_m = 400")
+    conn.execute("UPDATE conflictdb.rule SET a_class = 'tug'")
+    conn.execute(
+        "UPDATE conflictdb.rule SET b_class = 'pier', "
+        "scene_id = (SELECT s.scene_id FROM conflictdb.scene s WHERE s.name = 'z')"
+    )
+    found = edits(conn, "scene, action, key, former_key")[2:]
+    assert found[:3] == [
+        ("s", "put", "ferry / area", None),
+        ("s", "change", "ferry / area", None),
+        ("s", "rename", "tug / area", "ferry / area"),
+    ]
+    assert sorted(found[3:]) == [("s", "delete", "tug / area", None), ("z", "put", "tug / pier", None)]
+
+
 def test_an_edit_names_its_session(admin: Conn, roles: dict[str, str], open_conn: Callable[..., Conn]) -> None:
     """Also one that acts as another role, as poolers do."""
     session = open_conn(user=roles["editor"], application_name="bridge")
@@ -363,6 +383,26 @@ def test_pruning_keeps_the_last_seal_as_anchor(admin: Conn) -> None:
     assert verified(admin) == (1, 2, 0, None, None)
     with pytest.raises(psycopg.Error, match="must be 0 or longer"):
         admin.execute("SELECT conflictdb.prune_edits('-1 s')")
+
+
+def test_edits_pruned_during_a_verification_are_not_missing(
+    admin: Conn, open_conn: Callable[..., Conn], roles: dict[str, str]
+) -> None:
+    for key in "ABC":
+        put(admin, key)
+        sealed(admin)
+    auditor = open_conn(user=roles["worker"])
+    found: list[tuple[Any, ...]] = []
+    verifying = threading.Thread(target=lambda: found.append(verified(auditor)))
+    waits = "SELECT cardinality(pg_blocking_pids(%s))"
+    with admin.transaction():
+        admin.execute("LOCK TABLE conflictdb.edit IN ACCESS EXCLUSIVE MODE")
+        verifying.start()
+        # It has read the seals, and waits for the edits of the first batch.
+        until(lambda: admin.execute(waits.encode(), [auditor.info.backend_pid]).fetchone() != (0,))
+        assert admin.execute("SELECT conflictdb.prune_edits('0')").fetchone() == (4,)
+    verifying.join()
+    assert found == [(3, 4, 0, None, None)]
 
 
 def test_seals_of_another_server_go_on(admin: Conn) -> None:
