@@ -344,7 +344,7 @@ DECLARE
     v_seal edit_seal;
     v_former edit_seal;
     v_batch record;
-    v_ids int8multirange := '{}';
+    v_ids int8multirange := coalesce((SELECT range_agg(r) FROM edit_seal s, unnest(s.edit_ids) r), '{}');
 BEGIN
     batches := 0;
     edits := 0;
@@ -365,7 +365,6 @@ BEGIN
                 edits := edits + v_batch.edits;
             END IF;
         END IF;
-        v_ids := v_ids + v_seal.edit_ids;
         v_former := v_seal;
     END LOOP;
     last_batch := v_former.seal_id;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4781b1ea78decb25cd02736fb664bdfd2a82a2f29a7ee02a67f29916dfcc7636"
+routines_sha256 = "c50982f07f7c16092c631a4e43c14f0a7b91d0c542895b90b12cf985d270660c"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
