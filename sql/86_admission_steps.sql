@@ -345,7 +345,7 @@ COMMENT ON FUNCTION _plans_of(jsonb) IS
 'text, times make a track_path, instants have an offset. Raises ZC016, with the plan''s key, for what cannot be read.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
-    p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean
+    p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean, p_known text[]
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET max_parallel_workers_per_gather = 0
@@ -354,6 +354,8 @@ DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_scene_id bigint := _scene_to_change(p_scene);
     v_plan record;
+    v_new text[];
+    v_taken text;
 BEGIN
     IF p_are_checked THEN
         PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
@@ -407,11 +409,23 @@ BEGIN
         );
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
+    -- An object that was put after p_known was read, by a statement that waits for no admission: it was updated above.
+    v_new := ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g WHERE g ->> 'key' <> ALL (p_known));
+    SELECT o.key INTO v_taken
+        FROM (SELECT a.key FROM area a
+              WHERE a.scene_id = v_scene_id AND a.key = ANY (v_new) AND a.version <> a.first_version
+              UNION ALL
+              SELECT t.key FROM track t
+              WHERE t.scene_id = v_scene_id AND t.key = ANY (v_new) AND t.version <> t.first_version) o LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC007', format('plan %L', v_taken), 'key', 'belongs to an object of the scene',
+                        'plan_key_taken', 'It was put just now; choose another key, or replace it.');
+    END IF;
 END
 $$;
-COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean) IS
+COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean, text[]) IS
 'Removes objects by key, then puts plans (_plans_of). p_are_checked: conflictdb.model has checked speeds, under the '
-'limit of each plan.';
+'limit of each plan. p_known: keys of the objects that plans may replace; raises ZC007 for others.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._need_schedules(p_scene_id bigint, p_keys text[]) RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

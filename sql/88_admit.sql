@@ -461,7 +461,8 @@ BEGIN
             SELECT r ->> 2 FROM jsonb_array_elements(v_replaced) r
             WHERE NOT EXISTS (SELECT FROM jsonb_array_elements(v_plans) g
                               WHERE g ->> 'key' = r ->> 2 AND (g ->> 'path' IS NOT NULL) = (r ->> 0 = '1'))),
-                           v_plans, false);
+                           v_plans, false,
+                           ARRAY(SELECT r ->> 2 FROM jsonb_array_elements(v_replaced) r));
         PERFORM _check_ends(v_scene_id, v_keys);
         WITH met AS MATERIALIZED (
             SELECT m.*

@@ -54,7 +54,7 @@ def admit(
         if is_admitted:
             put = {(Member.of(one).kind.code, one.key) for one in given}
             gone = [one.key for one in replaced if (one.kind, one.key) not in put]
-            store.put_rows(conn, scene, gone, rows)
+            store.put_rows(conn, scene, gone, rows, [one.key for one in replaced])
     return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
 
 

@@ -123,12 +123,17 @@ def put_plans(
     conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], areas: Sequence[Area], tracks: Sequence[Track]
 ) -> None:
     """Remove some objects of a scene by key and put others, few at a time, as `replace_scene` with `merge` does."""
-    put_rows(conn, scene, removed, plan_rows(areas, tracks))
+    put_rows(conn, scene, removed, plan_rows(areas, tracks), None)
 
 
-def put_rows(conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], rows: str) -> None:
-    """Do as `put_plans`, with the JSON of `plan_rows`."""
-    call(conn, "_put_plans", scene, list(removed), rows, True)
+def put_rows(
+    conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], rows: str, known: Sequence[str] | None
+) -> None:
+    """Do as `put_plans`, with the JSON of `plan_rows`.
+
+    known : keys of the stored objects that plans may replace (None: of all); raises InvalidInput for others
+    """
+    call(conn, "_put_plans", scene, list(removed), rows, True, None if known is None else list(known))
 
 
 def plan_rows(areas: Sequence[Area], tracks: Sequence[Track]) -> str:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c50982f07f7c16092c631a4e43c14f0a7b91d0c542895b90b12cf985d270660c"
+routines_sha256 = "7b3853a6072ea7faa4023a04414e83e7e0be1c957daad9ffe4a812a683fa9173"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

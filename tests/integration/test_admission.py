@@ -351,6 +351,33 @@ def test_the_name_may_pass_to_another_scene_during_the_wait(
     assert keys(city) == ["other"]
 
 
+@pytest.mark.parametrize("in_sql", [True, False], ids=["sql", "python"])
+@pytest.mark.parametrize("kind", [square, flight])
+def test_an_object_that_is_put_meanwhile_is_not_replaced(
+    dsn: str, city: StoredScene, *, in_sql: bool, kind: Any
+) -> None:
+    """Statements that put objects wait for no admission: theirs may commit after the admission has read the keys."""
+
+    def admission() -> object:
+        plan = kind("n", 0.0, owner="me")
+        if in_sql:
+            with psycopg.connect(dsn) as other:
+                return asked(other, plan, p_owner="me")
+        with connect(dsn) as db:
+            return db.scene("city").admit(plan, "me")
+
+    with psycopg.connect(dsn) as conn, psycopg.connect(dsn, autocommit=True) as watch, ThreadPoolExecutor(1) as thread:
+        conn.execute("SELECT")
+        connect(conn).scene("city").put(kind("n", 0.5, owner="them"))
+        waits = thread.submit(admission)
+        waiting = "SELECT FROM pg_stat_activity WHERE %s = ANY (pg_blocking_pids(pid))"
+        until(lambda: waits.done() or watch.execute(waiting, [conn.info.backend_pid]).fetchone() is not None)
+        conn.commit()
+        with pytest.raises((InvalidInput, psycopg.Error), match="plan 'n': key: belongs to an object of the scene"):
+            waits.result()
+    assert [one.owner for one in city.objects()] == ["them"]
+
+
 def test_a_transaction_that_is_too_old_is_refused(dsn: str, city: StoredScene) -> None:
     """It would not see what was admitted meanwhile."""
     city.admit(square("z", 0.9))
