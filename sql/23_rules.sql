@@ -183,13 +183,15 @@ COMMENT ON FUNCTION _after_rule_change() IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_replicated_rule() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
-    PERFORM _mark_all(CASE TG_OP WHEN 'DELETE' THEN OLD.scene_id ELSE NEW.scene_id END);
+    PERFORM _mark_all(r.scene_id) FROM (VALUES (OLD.scene_id), (NEW.scene_id)) r (scene_id)
+        WHERE r.scene_id IS NOT NULL GROUP BY r.scene_id;
     PERFORM _wake_workers();
     RETURN NULL;
 END
 $$;
 COMMENT ON FUNCTION _after_replicated_rule() IS
-'Trigger, once per replicated row: marks all objects of the scene of a rule. Restricted to that scene.';
+'Trigger, once per replicated row: marks all objects of the scene of a rule, and of its scene before. Restricted to '
+'these scenes.';
 
 CREATE OR REPLACE TRIGGER rule_before BEFORE INSERT OR UPDATE ON rule
     FOR EACH ROW EXECUTE FUNCTION _rule_before();

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7b3853a6072ea7faa4023a04414e83e7e0be1c957daad9ffe4a812a683fa9173"
+routines_sha256 = "847694c1cf9866c0d204214d0bf443f4f93f0711f64d0839da08320dd973cb3d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

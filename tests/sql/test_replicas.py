@@ -74,6 +74,22 @@ def test_settings_that_arrive_mark_everything(conn: Conn, scene: Scene) -> None:
     assert pending(conn) == (11, False)
 
 
+def test_a_rule_that_moves_marks_both_scenes(conn: Conn, scene: Scene) -> None:
+    conn.execute("SELECT conflictdb.put_rule(%s, 'ferry', 'area', 500)", [scene.name])
+    conn.commit()
+    detect(conn, scene.name, jobs=1)
+    conn.execute(
+        "SELECT conflictdb.create_scene('z'), conflictdb.put_area('z', 'A', 'SRID=4326;POLYGON((0 0, 0 1, 1 1, 0 0))')"
+    )
+    conn.commit()
+    detect(conn, "z", jobs=1)
+    replicate(
+        conn,
+        "UPDATE conflictdb.rule SET scene_id = (SELECT s.scene_id FROM conflictdb.scene s WHERE s.name = 'z')",
+    )
+    assert conn.execute("SELECT is_current FROM conflictdb.scenes").fetchall() == [(False,), (False,)]
+
+
 def test_a_bad_row_is_refused_there_too(conn: Conn, scene: Scene) -> None:
     with pytest.raises(psycopg.Error, match="must be above floor_m"):
         replicate(conn, "UPDATE conflictdb.area SET floor_m = 7, ceiling_m = 6 WHERE key = 'A1'")
