@@ -18,7 +18,7 @@ import psycopg
 from psycopg_pool import ConnectionPool, PoolTimeout
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
@@ -162,13 +162,16 @@ def _route(operation: tuple[str, str, Work]) -> Route:
 
 
 async def _body(request: Request) -> str:
-    """Return the text of a request; raises RefusedError for more than MOST_BYTES."""
+    """Return the text of a request; raises RefusedError for more than MOST_BYTES, or a client that left."""
     parts, size = [], 0
-    async for part in request.stream():
-        size += len(part)
-        if size > MOST_BYTES:
-            raise RefusedError(413, f"request: must have at most {MOST_BYTES:,} bytes")
-        parts.append(part)
+    try:
+        async for part in request.stream():
+            size += len(part)
+            if size > MOST_BYTES:
+                raise RefusedError(413, f"request: must have at most {MOST_BYTES:,} bytes")
+            parts.append(part)
+    except ClientDisconnect:
+        raise RefusedError(400, "request: ended before its body") from None
     try:
         return b"".join(parts).decode()
     except UnicodeDecodeError:

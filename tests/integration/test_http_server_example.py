@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,8 +33,8 @@ OPERATIONS = ("plans", "probe", "admit", "conflicts", "events")
 
 
 @pytest.fixture
-def address(dsn: str) -> Iterator[str]:
-    """Return the address of a server whose role is an editor, and nothing else."""
+def address(dsn: str, tmp_path: Path) -> Iterator[str]:
+    """Return the address of a server whose role is an editor, and nothing else; it must log no traceback."""
     with psycopg.connect(dsn, autocommit=True) as admin:
         admin.execute(f"DROP ROLE IF EXISTS {ROLE}".encode())
         admin.execute(f"CREATE ROLE {ROLE} LOGIN IN ROLE conflictdb_editor".encode())
@@ -44,12 +45,17 @@ def address(dsn: str) -> Iterator[str]:
     command = [sys.executable, "-m", "uvicorn", "--factory", "app:application", "--port", f"{port}"]
     own = {"CONFLICTDB_DSN": conninfo.make_conninfo(dsn, user=ROLE)}
     quiet = ["--log-level", "warning"]
-    with subprocess.Popen([*command, *quiet], cwd=EXAMPLE, env={**os.environ, **own}) as server:
+    log = tmp_path / "server.log"
+    with (
+        log.open("wb") as errors,
+        subprocess.Popen([*command, *quiet], cwd=EXAMPLE, env={**os.environ, **own}, stderr=errors) as server,
+    ):
         try:
             _wait(port, server)
             yield f"http://127.0.0.1:{port}"
         finally:
             server.terminate()
+    assert "Traceback" not in log.read_text()
     with psycopg.connect(dsn, autocommit=True) as admin:
         admin.execute(f"DROP ROLE {ROLE}".encode())
 
@@ -116,6 +122,15 @@ def test_its_limits_hold(address: str) -> None:
     schema = asked(f"{address}/openapi.json")[1]["components"]["schemas"]
     whole = {"$ref": "#/components/schemas/plans", "components": {"schemas": schema}}
     Draft202012Validator(whole).validate(document)
+
+
+def test_a_client_that_leaves_is_no_error_of_the_server(address: str) -> None:
+    """In the middle of its body; others get their answers."""
+    port = urllib.parse.urlsplit(address).port
+    for _ in range(3):
+        with socket.create_connection(("127.0.0.1", port)) as leaving:
+            leaving.sendall(b"POST /scenes/s/probe HTTP/1.1\r\nHost: h\r\nContent-Length: 1000\r\n\r\n{")
+    assert asked(f"{address}/scenes/s/conflicts")[0] == 200
 
 
 @draws("examples", 5, 60)
