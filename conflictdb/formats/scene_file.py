@@ -251,6 +251,11 @@ def _require_collection(document: Mapping[str, Any]) -> None:
         raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
 
 
+def _require_version(version: Any) -> None:
+    if version is not None and (isinstance(version, bool) or version != 1):
+        raise InvalidInput("file", "version", f"must be 1; got {version!r:.60}")
+
+
 class _Features:
     """The features of a file and what decides how they are read; its errors are collected until `refused`.
 
@@ -329,6 +334,10 @@ class _Features:
         foreign, values = self.setting.foreign, {"features": self._listed, **document}
         with self._of_file:
             moving_features.check_trs("file", document)
+        # Files of other programs may have versions of their own.
+        if self.scene is not None or self.told.settings is not None:
+            with self._of_file:
+                _require_version(document.get("version"))
         self._of_members.extend(names.misnamed("file", values, _MEMBERS, _OF_SCENE | _OF_FEATURE, foreign))
         if not isinstance(self._listed, list | tuple):
             with self._of_scene:

@@ -142,6 +142,19 @@ def test_what_the_reader_refuses_is_not_valid(documents: int) -> None:
     assert min(count.values()) > documents / 10
 
 
+@pytest.mark.parametrize("version", [2, 1.5, "1", True, [1], 10**400])
+@pytest.mark.parametrize("is_scene", [True, False])
+def test_another_version_is_neither_valid_nor_read(version: Any, *, is_scene: bool) -> None:
+    """It might mean something else; the function admit of SQL refuses it, too."""
+    document = json.loads(plans_text([full_plans.track()]))
+    if is_scene:
+        document["scene"] = {}
+    assert (VALID.is_valid(document), refusals(document)) == (True, [])
+    document["version"] = version
+    assert not VALID.is_valid(document)
+    assert [one.split("; got")[0] for one in refusals(document)] == ["file: version: must be 1"]
+
+
 @pytest.mark.parametrize("kind", ["area", "track"])
 def test_every_member_of_a_plan_has_a_schema(kind: str) -> None:
     members = SCHEMA["$defs"][kind]["properties"]["properties"]["properties"]
