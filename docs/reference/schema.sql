@@ -959,7 +959,7 @@ CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH R
 CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_edits_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
 CREATE TRIGGER rule_edits_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
-CREATE TRIGGER rule_edits_updated AFTER UPDATE ON conflictdb.rule REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
+CREATE TRIGGER rule_edits_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
 CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
@@ -2000,7 +2000,7 @@ FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean)
+FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean, p_known text[])
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
@@ -2622,7 +2622,7 @@ FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION verify_edits(OUT anchor bigint, OUT batches bigint, OUT edits bigint, OUT unsealed bigint, OUT first_wrong bigint, OUT reason text, OUT last_batch bigint, OUT last_digest text)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
 
 FUNCTION wait_for_admission(p_request_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT admitted boolean, OUT conflicts jsonb)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
