@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model import inputs
+from conflictdb.model import inputs, plan_rules
 
 # Ends of an unbounded span, in arrays of microseconds.
 MINUS_INFINITY_US: Final = -(2**63)
@@ -35,7 +35,7 @@ def spans_us(who: str, given: Any) -> NDArray[np.int64]:
     try:
         return np.array(found, np.int64).reshape(-1, 2)
     except OverflowError:
-        raise InvalidInput(who, "spans", "must lie in the years 1 to 9999") from None
+        raise InvalidInput(who, "spans", plan_rules.IN_CALENDAR) from None
 
 
 def joined(spans_us: NDArray[np.int64]) -> Spans:

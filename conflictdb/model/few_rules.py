@@ -13,7 +13,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs, plan_rules
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, check_schedule, departures_us, joined, spans_us
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, lose_convexity, mitred
-from conflictdb.model.plan_rows import Broken, Many, Numbers, One, Rows, item
+from conflictdb.model.plan_rows import Broken, Many, Numbers, Rows, first_of, item, rows_of
 from conflictdb.model.settings import Motion
 from conflictdb.model.tolerances import as_members, tolerances_of
 
@@ -59,10 +59,6 @@ def _set(plan: Any, **values: Any) -> None:
         object.__setattr__(plan, name, value)
 
 
-def _rows(count: list[int]) -> Rows:
-    return One(count[0]) if len(count) == 1 else Many.of(np.array(count, np.int64))
-
-
 def _of_each(numbers: Iterable[Any]) -> Numbers:
     """Return a number of each plan (n,), or of one."""
     found = list(numbers)
@@ -79,7 +75,7 @@ def _keep_spans(who: str, area: Any) -> None:
 
 def _activations(areas: Sequence[Any]) -> Broken:
     """Return which areas break a rule of several spans, given as arrays (k, 2)."""
-    rows = _rows([len(area.spans_us) for area in areas])
+    rows = rows_of(_of_each(len(area.spans_us) for area in areas))
     spans = _together([area.spans_us for area in areas])
     broken = rows.broken()
     _add_place(broken, rows, "spans", spans[:, 0] >= spans[:, 1], "must end after it starts")
@@ -97,11 +93,7 @@ def _activations(areas: Sequence[Any]) -> Broken:
 
 def _add_place(broken: Broken, rows: Rows, field: str, flags: NDArray[np.bool_], rule: str) -> None:
     """Add a rule that is broken at places (w,); the first is named."""
-    broken.add(rows.any(flags), lambda i: (f"{field}[{_first(flags, rows, i)}]", rule))
-
-
-def _first(flags: NDArray[np.bool_], rows: Rows, row: int) -> int:
-    return int(np.flatnonzero(flags[rows.places(row)])[0])
+    broken.add(rows.any(flags), lambda i: (f"{field}[{first_of(flags, rows, i)}]", rule))
 
 
 def _derive_spans(area: Any) -> None:
@@ -122,7 +114,7 @@ def _keep_departures(who: str, track: Any) -> None:
 
 
 def _departures(tracks: Sequence[Any]) -> Broken:
-    rows = _rows([len(track.departures_us) for track in tracks])
+    rows = rows_of(_of_each(len(track.departures_us) for track in tracks))
     lasts_us = _of_each(int(track.times_us[-1] - track.times_us[0]) for track in tracks)
     return departures(_together([track.departures_us for track in tracks]), rows, lasts_us)
 
@@ -137,7 +129,7 @@ def departures(departs_us: NDArray[np.int64], rows: Rows, lasts_us: Numbers) -> 
     is_late = rows.each_next(np.less_equal, departs_us)
     broken.add(
         rows.any(is_late),
-        lambda i: (f"departures[{_first(is_late, rows, i) + 1}]", "must be later than the one before"),
+        lambda i: (f"departures[{first_of(is_late, rows, i) + 1}]", "must be later than the one before"),
     )
     end_us = departs_us + rows.spread(lasts_us)
     is_under_way = rows.each_next(np.less, departs_us, end_us)
@@ -145,7 +137,7 @@ def departures(departs_us: NDArray[np.int64], rows: Rows, lasts_us: Numbers) -> 
     def overlap(i: int) -> tuple[str, str]:
         took = f"a voyage takes {item(lasts_us, i) / 1e6:g} s, and one object is in one place: use two tracks"
         rule = f"is before the voyage before it has ended ({took})"
-        return f"departures[{_first(is_under_way, rows, i) + 1}]", rule
+        return f"departures[{first_of(is_under_way, rows, i) + 1}]", rule
 
     broken.add(rows.any(is_under_way), overlap)
     is_outside = plan_rules.out_of_calendar(departs_us) | plan_rules.out_of_calendar(end_us)
@@ -174,7 +166,7 @@ def _keep_growth(who: str, track: Any) -> None:
 
 def _growth(tracks: Sequence[Any]) -> Broken:
     """Return which tracks grow against a rule."""
-    ring = _rows([len(track.outline_m) for track in tracks])
+    ring = rows_of(_of_each(len(track.outline_m) for track in tracks))
     broken = ring.broken()
     speed = _of_each(float(track.grow_mps) for track in tracks)
     is_speed = (speed >= 0.0) & (speed <= MAX_GROWTH_MPS)
@@ -200,7 +192,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     """Return which tracks have outlines, one per waypoint, that break a rule."""
     outlines = [track.outlines_m for track in tracks]
     count, corners = [len(one) for one in outlines], [one.shape[1] for one in outlines]
-    rows, waypoints = _rows(count), _of_each(len(track.positions_deg) for track in tracks)
+    rows, waypoints = rows_of(_of_each(count)), _of_each(len(track.positions_deg) for track in tracks)
     broken = rows.broken()
 
     def unequal(i: int) -> tuple[str, str]:
@@ -215,7 +207,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     is_unsound = ~np.asarray(of_rings.is_sound)
 
     def first(i: int) -> tuple[str, str]:
-        k = _first(is_unsound, rows, i)
+        k = first_of(is_unsound, rows, i)
         return f"outlines_m[{k}]", of_rings.said(rows.places(i).indices(len(is_unsound))[0] + k)[1]
 
     broken.add(rows.any(is_unsound), first)
@@ -229,7 +221,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     is_lost[comes] = lose_convexity(outline_m[is_start], outline_m[is_end], Many.of(ring.count[goes_on]))
 
     def inside_out(i: int) -> tuple[str, str]:
-        k = _first(is_lost, rows, i)
+        k = first_of(is_lost, rows, i)
         rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
         return f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint"
 
@@ -248,12 +240,12 @@ def _heights(tracks: Sequence[Any]) -> Broken:
     """Return which tracks have heights of legs that break a rule."""
     points = [len(track.positions_deg) for track in tracks]
     waypoints = _of_each(points)
-    legs = _rows([count - 1 for count in points])
+    legs = rows_of(waypoints - 1)
     broken = legs.broken()
     for field, unbounded in (("floors_m", -np.inf), ("ceilings_m", np.inf)):
         name = field.replace("s_m", "_m")
         given = [getattr(track, field) for track in tracks]
-        rows = _rows([0 if one is None else len(one) for one in given])
+        rows = rows_of(_of_each(0 if one is None else len(one) for one in given))
         heights = _together([np.empty(0) if one is None else one for one in given])
         has_some = _of_each(one is not None for one in given)
 
@@ -310,7 +302,7 @@ def _keep_tolerances(who: str, track: Any) -> None:
 
 def _tolerances(tracks: Sequence[Any]) -> Broken:
     """Return which tracks have tolerances beside other columns that they must not have."""
-    broken = _rows([1] * len(tracks)).broken()
+    broken = rows_of(_of_each([1] * len(tracks))).broken()
     is_repeated = _of_each(track.departures_us is not None or track.schedule is not None for track in tracks)
     rule = "must not be given for a voyage that is repeated: give each voyage as a track"
     broken.add(is_repeated, lambda _: ("tolerances", rule))

@@ -1,7 +1,7 @@
-"""Values of many plans or of one, and which plans break a rule: what the rules of plans are written in.
+"""Values of many plans or of one, and the plans that break a rule.
 
-A rule is an expression of `Many`: arrays of n plans, and arrays of all their places. `One` has the same members for one
-plan, with numbers and truth values in place of arrays of one, which take a tenth of the time.
+A rule of plans is an expression of `Many`: arrays of n plans, and arrays of all their places. `One` has the same
+members for one plan, with numbers and truth values in place of arrays of one, which take a tenth of the time.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ class Many:
 
     @classmethod
     def of(cls, count: NDArray[np.int64]) -> "Many":
-        """Return the places of plans with so many each."""
+        """Return the places of n plans; count : (n,) how many each has."""
         offset = np.zeros(len(count) + 1, np.int64)
         np.add.accumulate(count, out=offset[1:])
         return cls(offset)
@@ -232,8 +232,13 @@ Broken: TypeAlias = BrokenMany | BrokenOne
 
 
 def rows_of(count: Numbers) -> Rows:
-    """Return the places of plans with so many (n,), or of one with a number of them."""
+    """Return the places of n plans, or of one; count : (n,) how many each has, or how many the one has."""
     return Many.of(count) if isinstance(count, np.ndarray) else One(int(count))
+
+
+def first_of(flags: NDArray[np.bool_], rows: Rows, row: int) -> int:
+    """Return the number, within a plan, of its first place with the flag (w,)."""
+    return int(np.flatnonzero(flags[rows.places(row)])[0])
 
 
 def item(values: Numbers, row: int) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.model.plan_rows import Broken, Flags, Many, Numbers, Rows, item, rows_of
+from conflictdb.model.plan_rows import Broken, Flags, Many, Numbers, Rows, first_of, item, rows_of
 from conflictdb.model.scene import MAX_LATITUDE_DEG
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -126,7 +126,7 @@ def courses(positions_deg: Floats, way: Rows, times_us: NDArray[np.int64], clock
     is_late = clock.each_next(np.less_equal, times_us)
 
     def late(i: int) -> tuple[str, str]:
-        k = int(np.flatnonzero(is_late[clock.places(i)])[0])
+        k = first_of(is_late, clock, i)
         at, here = times_us[clock.places(i)][k : k + 2], positions_deg[way.places(i)][k : k + 2]
         moved = at[0] == at[1] and bool(np.any(here[0] != here[1]))
         rule = "is at two places at the same time" if moved else "must be later than the time before it"
