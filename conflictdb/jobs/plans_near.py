@@ -42,21 +42,18 @@ def read_near(
 
     Without the object the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
-    with store.snapshot(conn):
-        keys = None
-        if store.scene_state(conn, scene).is_current:
-            _, areas, tracks = store.read_scene(conn, scene, [key])
-            plans: list[Area | Track] = [*areas, *tracks]
-            keys = [one for plan in plans for one in _around(conn, scene, plan, Question(), within_m)] + [key]
-        return store.read_scene(conn, scene, keys)
+
+    def keys() -> list[str]:
+        _, areas, tracks = store.read_scene(conn, scene, [key])
+        plans: list[Area | Track] = [*areas, *tracks]
+        return [one for plan in plans for one in _around(conn, scene, plan, Question(), within_m)] + [key]
+
+    return _read(conn, scene, keys)
 
 
 def read_around(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene and what a plan, stored or not, may meet; raises InvalidInput if the scene does not exist."""
-    with store.snapshot(conn):
-        is_current = store.scene_state(conn, scene).is_current
-        keys = _around(conn, scene, plan, Question()) if is_current else None
-        return store.read_scene(conn, scene, keys)
+    return _read(conn, scene, lambda: _around(conn, scene, plan, Question()))
 
 
 def read_if_moved(
@@ -70,13 +67,22 @@ def read_if_moved(
 
     All objects, if the pieces of the scene are not current. Raises InvalidInput if the scene does not exist.
     """
+
+    def keys() -> list[str] | None:
+        if key is None:
+            return None
+        _, _, tracks = store.read_scene(conn, scene, [key])
+        return [one for track in tracks for one in _around(conn, scene, track, question(track), within_m)] + [key]
+
+    return _read(conn, scene, keys)
+
+
+def _read(
+    conn: psycopg.Connection[Any], scene: str, keys: Callable[[], list[str] | None]
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and the objects of some keys, None: all; also all if its pieces are not current."""
     with store.snapshot(conn):
-        is_current = store.scene_state(conn, scene).is_current
-        keys = None
-        if key is not None and is_current:
-            _, _, tracks = store.read_scene(conn, scene, [key])
-            keys = [one for track in tracks for one in _around(conn, scene, track, question(track), within_m)] + [key]
-        return store.read_scene(conn, scene, keys)
+        return store.read_scene(conn, scene, keys() if store.scene_state(conn, scene).is_current else None)
 
 
 def _around(
