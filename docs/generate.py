@@ -399,7 +399,7 @@ def models() -> str:
 
 
 def _mapped_settings(default: str) -> str:
-    """Return the columns of settings; default : what those have that are never null."""
+    """Return the columns of settings; default : the value of those that are never null."""
     return "".join(
         f"    {column}: Mapped[float | None]\n"
         if setting.type is settings.SettingType.PLACE

@@ -54,7 +54,7 @@ COMMENT ON FUNCTION _were_objects(smallint, bigint[], bigint[]) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_object_change() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
-    -- Planning takes longer than looking up so many rows: the plan is cached.
+    -- To plan takes longer than to look up this number of rows, so their plan is cached.
     c_few CONSTANT integer := 100;
     v_kind smallint := TG_ARGV[0];
     v_id text := TG_ARGV[1];

@@ -11,18 +11,13 @@ BEGIN
     IF current_setting('row_security') = 'off' AND _is_restoring() THEN
         RETURN NULL;
     END IF;
-    IF TG_OP = 'INSERT' THEN
+    IF TG_OP <> 'UPDATE' THEN
         INSERT INTO edit (scene_id, scene, kind, action, keys)
-            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, 'put', c.keys
+            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind,
+                   CASE TG_OP WHEN 'INSERT' THEN 'put' ELSE 'delete' END, c.keys
             FROM (SELECT n.scene_id, array_agg(n.key) AS keys
-                  FROM (SELECT r.scene_id, r.key, row_number() OVER () / c_most AS chunk FROM new_rows r) n
+                  FROM (SELECT r.scene_id, r.key, row_number() OVER () / c_most AS chunk FROM changed_rows r) n
                   GROUP BY n.scene_id, n.chunk) c LEFT JOIN scene s USING (scene_id);
-    ELSIF TG_OP = 'DELETE' THEN
-        INSERT INTO edit (scene_id, scene, kind, action, keys)
-            SELECT c.scene_id, coalesce(s.name, _former_name(c.scene_id)), v_kind, 'delete', c.keys
-            FROM (SELECT o.scene_id, array_agg(o.key) AS keys
-                  FROM (SELECT r.scene_id, r.key, row_number() OVER () / c_most AS chunk FROM old_rows r) o
-                  GROUP BY o.scene_id, o.chunk) c LEFT JOIN scene s USING (scene_id);
     ELSIF NOT EXISTS (SELECT FROM old_rows) THEN
         RETURN NULL; -- INSERT ... ON CONFLICT DO UPDATE calls both triggers.
     ELSIF v_kind = 'area' THEN
@@ -176,17 +171,17 @@ $$;
 COMMENT ON FUNCTION _former_name(bigint) IS
 'Last name of a scene that the audit knows, null: none. The objects of a deleted scene are deleted after it.';
 
-CREATE OR REPLACE TRIGGER area_edits_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS new_rows
+CREATE OR REPLACE TRIGGER area_edits_inserted AFTER INSERT ON area REFERENCING NEW TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE OR REPLACE TRIGGER area_edits_updated AFTER UPDATE ON area
     REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
-CREATE OR REPLACE TRIGGER area_edits_deleted AFTER DELETE ON area REFERENCING OLD TABLE AS old_rows
+CREATE OR REPLACE TRIGGER area_edits_deleted AFTER DELETE ON area REFERENCING OLD TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
-CREATE OR REPLACE TRIGGER track_edits_inserted AFTER INSERT ON track REFERENCING NEW TABLE AS new_rows
+CREATE OR REPLACE TRIGGER track_edits_inserted AFTER INSERT ON track REFERENCING NEW TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE OR REPLACE TRIGGER track_edits_updated AFTER UPDATE ON track
     REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
-CREATE OR REPLACE TRIGGER track_edits_deleted AFTER DELETE ON track REFERENCING OLD TABLE AS old_rows
+CREATE OR REPLACE TRIGGER track_edits_deleted AFTER DELETE ON track REFERENCING OLD TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE OR REPLACE TRIGGER rule_edits_inserted AFTER INSERT ON rule REFERENCING NEW TABLE AS changed_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _note_rule_edits();
@@ -415,7 +410,8 @@ SELECT e.edit_id AS edit, e.edited_at AS at, e.scene, e.kind, e.action, k.key, k
        e.application, e.client, e.pid, e.transaction_id
 FROM edit e CROSS JOIN LATERAL unnest(e.keys, e.former_keys) k (key, former_key);
 
-COMMENT ON VIEW edits IS 'Who edited which plan, rule or scene, one row each. Of scenes that the role may read.';
+COMMENT ON VIEW edits IS
+'Edits of plans, rules and scenes, a row for each key: who, when, in which session. Of scenes that the role may read.';
 COMMENT ON COLUMN edits.edit IS 'Number; equal for what one statement did to objects of one kind.';
 COMMENT ON COLUMN edits.at IS 'When the statement had changed its rows.';
 COMMENT ON COLUMN edits.scene IS 'Name of the scene then.';

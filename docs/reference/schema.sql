@@ -929,8 +929,8 @@ CREATE TRIGGER acknowledgement_updated BEFORE UPDATE OF ended_at, ended_by ON co
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_check_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _areas_inserted();
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
-CREATE TRIGGER area_edits_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
-CREATE TRIGGER area_edits_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER area_edits_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER area_edits_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER area_edits_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER area_not_truncated BEFORE TRUNCATE ON conflictdb.area FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
@@ -978,8 +978,8 @@ CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHE
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before() -- always;
 CREATE TRIGGER track_check_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _tracks_inserted();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
-CREATE TRIGGER track_edits_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
-CREATE TRIGGER track_edits_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER track_edits_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
+CREATE TRIGGER track_edits_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS changed_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER track_edits_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_edits();
 CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "847694c1cf9866c0d204214d0bf443f4f93f0711f64d0839da08320dd973cb3d"
+routines_sha256 = "b9b7f9a33ea4a867176f6c3546a94ce36bc4b9b6cf09da51a481231ecb433600"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -165,7 +165,7 @@ def test_an_expanded_schedule_is_no_edit(conn: Conn) -> None:
 
 
 def test_branches_and_merges(conn: Conn) -> None:
-    """What a branch does is its edit; a merge edits the parent."""
+    """Edits of a branch are noted as of the branch; a merge edits the parent."""
     conn.execute("SELECT conflictdb.create_scene('s')")
     for key in "AB":
         put(conn, key)
