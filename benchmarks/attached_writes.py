@@ -8,10 +8,10 @@ for the disk, is excluded, too: including it, the share is less.
 """
 
 import sys
-from pathlib import Path
 from typing import Any, Final
 
 import psycopg
+from measured import backend_clock
 from tables import markdown
 
 ROWS: Final = 20_000
@@ -39,12 +39,11 @@ DETACH: Final = "SELECT conflictdb.detach('attached_writes', 'attached_writes.ar
 
 def spent_ms(conn: psycopg.Connection[Any], statement: str, times: int) -> float:
     """Return the processor time of one execution in the server: the lower quartile of some."""
-    clock = Path(f"/proc/{conn.info.backend_pid}/schedstat")
-    found = []
+    clock, found = backend_clock(conn), []
     for _ in range(times):
-        before = int(clock.read_text().split()[0])
+        before = clock()
         conn.execute(statement.encode())
-        found.append((int(clock.read_text().split()[0]) - before) / 1e6)
+        found.append(1e3 * (clock() - before))
     return sorted(found)[times // 4]
 
 

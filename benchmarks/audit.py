@@ -9,10 +9,10 @@ process, so other load does not count.
 """
 
 import argparse
-from pathlib import Path
 from typing import Any, Final
 
 import psycopg
+from measured import backend_clock
 from tables import markdown
 
 AT_ONCE: Final = 5_000
@@ -32,20 +32,6 @@ FROM generate_series(1, %(few)s) n
 """
 
 
-class Measured:
-    """Processor time of the server's process of a connection."""
-
-    def __init__(self, conn: psycopg.Connection[Any]) -> None:
-        self.conn = conn
-        self._clock = Path(f"/proc/{conn.info.backend_pid}/schedstat")
-
-    def ms(self, statement: str, **arguments: int) -> float:
-        """Return the milliseconds of a statement."""
-        before = int(self._clock.read_text().split()[0])
-        self.conn.execute(statement.encode(), arguments)
-        return (int(self._clock.read_text().split()[0]) - before) / 1e6
-
-
 def switch(conn: psycopg.Connection[Any], state: str) -> None:
     """ENABLE or DISABLE the triggers of the audit."""
     found = conn.execute("SELECT tgrelid::regclass::text, tgname FROM pg_trigger WHERE tgname LIKE 'area_edits_%'")
@@ -55,17 +41,21 @@ def switch(conn: psycopg.Connection[Any], state: str) -> None:
 
 def one_round(conn: psycopg.Connection[Any], areas: int) -> dict[str, float]:
     """Return the milliseconds of each kind of edit, in a new scene."""
-    measured = Measured(conn)
+    clock = backend_clock(conn)
+
+    def ms(statement: str, **arguments: int) -> float:
+        before = clock()
+        conn.execute(statement.encode(), arguments)
+        return 1e3 * (clock() - before)
+
     conn.execute("DELETE FROM conflictdb.scene WHERE name = 'audit'")
     conn.execute("VACUUM conflictdb.area, conflictdb.change, conflictdb.object_key")
     conn.execute("SELECT conflictdb.create_scene('audit')")
-    loads = sum(
-        measured.ms(LOAD, first=first, last=min(first + AT_ONCE - 1, areas)) for first in range(1, areas + 1, AT_ONCE)
-    )
+    loads = sum(ms(LOAD, first=first, last=min(first + AT_ONCE - 1, areas)) for first in range(1, areas + 1, AT_ONCE))
     return {
         f"load of {areas:,} areas": loads,
-        f"change of {FEW:,} areas in one statement": measured.ms(CHANGE, few=FEW),
-        f"{FEW:,} calls of put_area": measured.ms(PUT, few=FEW),
+        f"change of {FEW:,} areas in one statement": ms(CHANGE, few=FEW),
+        f"{FEW:,} calls of put_area": ms(PUT, few=FEW),
     }
 
 

@@ -29,7 +29,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from made_scenes import AT_ONCE, DEGREES_PER_ROOT, SEA, Kind
-from measured import fresh_database, in_fresh_process, peak_mb, server_pid, versions, write_csv
+from measured import backend_clock, fresh_database, in_fresh_process, peak_mb, server_pid, versions, write_csv
 from mixed_scenes import plain_scene
 from tables import markdown, show
 
@@ -73,12 +73,12 @@ def made_file(objects: int, folder: Path) -> Path:
 def loaded(dsn: str, path: Path) -> tuple[dict[str, tuple[float, float, float]], float]:
     """Load a file; return seconds of each phase, of the client, of the server and by the clock, and the client's MB."""
     with conflictdb.connect(dsn) as db:
-        backend = Path(f"/proc/{db.connection.info.backend_pid}/schedstat")
+        backend = backend_clock(db.connection)
         if server_pid(db.connection) is None:
             raise SystemExit("the server's processes cannot be seen here")
 
         def now() -> tuple[float, float, float]:
-            return time.process_time(), int(backend.read_text().split()[0]) / 1e9, time.monotonic()
+            return time.process_time(), backend(), time.monotonic()
 
         begun = [("reading", now())]
 
@@ -106,15 +106,15 @@ def alone(dsn: str, path: Path) -> tuple[float, float]:
         parsed_s = time.process_time() - began
     with conflictdb.connect(dsn) as db:
         conn = db.connection
-        backend = Path(f"/proc/{conn.info.backend_pid}/schedstat")
+        backend = backend_clock(conn)
         call(conn, "_begin_load")
         for kind in columns:
             conn.execute(f"CREATE TABLE public.plain_{kind} (LIKE pg_temp.staged_{kind})".encode())
-        began, began_server = time.process_time(), int(backend.read_text().split()[0])
+        began, began_server = time.process_time(), backend()
         for kind, names in columns.items():
             copy_binary.send_rows(conn, f"public.plain_{kind}", names, encoded[kind])
         copied_s = time.process_time() - began
-        server_s = (int(backend.read_text().split()[0]) - began_server) / 1e9
+        server_s = backend() - began_server
         conn.rollback()
     return parsed_s + copied_s, server_s
 

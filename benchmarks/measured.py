@@ -191,19 +191,25 @@ def server_pid(conn: psycopg.Connection[Any]) -> int | None:
     return None
 
 
+def backend_clock(conn: psycopg.Connection[Any]) -> Callable[[], float]:
+    """Return a clock of the processor seconds of a connection's backend, on this machine."""
+    running = Path(f"/proc/{conn.info.backend_pid}/schedstat")
+    return lambda: int(running.read_text().split()[0]) / 1e9
+
+
 def processor_clock(conn: psycopg.Connection[Any]) -> Callable[[], float] | None:
     """Return a clock of the processor seconds of this process and a connection's backend, None where that is unknown.
 
     Processes that the backend started to help it count when they have ended; so do all others of the server that end.
     """
-    backend, server = conn.info.backend_pid, server_pid(conn)
+    server = server_pid(conn)
     if server is None:
         return None
-    running, helpers = Path(f"/proc/{backend}/schedstat"), Path(f"/proc/{server}/stat")
+    running, helpers = backend_clock(conn), Path(f"/proc/{server}/stat")
 
     def seconds() -> float:
         ticks = sum(int(text) for text in helpers.read_text().rpartition(")")[2].split()[13:15])
-        return time.process_time() + int(running.read_text().split()[0]) / 1e9 + ticks / _TICKS_PER_S
+        return time.process_time() + running() + ticks / _TICKS_PER_S
 
     return seconds
 
