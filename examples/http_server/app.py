@@ -24,10 +24,10 @@ from starlette.routing import Route
 
 from conflictdb import (
     ConflictDBError,
-    Database,
     IncompleteWarning,
     InvalidInput,
     NotPermitted,
+    Scene,
     StoredScene,
     connect,
     plans_schema,
@@ -84,41 +84,41 @@ async def described(_: Request) -> Response:
     return JSONResponse(openapi())
 
 
-def put(scene: StoredScene, request: Request, text: str) -> Answer:
+def put(scene: StoredScene, settings: Scene, request: Request, text: str) -> Answer:
     """Put plans, also if they conflict."""
-    counts = scene.put(_plans(scene, text))
+    counts = scene.put(_plans(settings, text))
     return {"added": counts.added, "updated": counts.updated, "unchanged": counts.unchanged}
 
 
-def probe(scene: StoredScene, request: Request, text: str) -> Answer:
+def probe(scene: StoredScene, settings: Scene, request: Request, text: str) -> Answer:
     """Return the conflicts that plans would have, without storing them."""
-    found = scene.probe(_plans(scene, text))
+    found = scene.probe(_plans(settings, text))
     return {"is_current": found.is_current, "remark": found.state.remark, "conflicts": _rows(found)}
 
 
-def admit(scene: StoredScene, request: Request, text: str) -> Answer:
+def admit(scene: StoredScene, settings: Scene, request: Request, text: str) -> Answer:
     """Put plans only if they conflict with nobody."""
     query = request.query_params
-    found = scene.admit(_plans(scene, text), query.get("owner"), replace=query.getlist("replace"))
+    found = scene.admit(_plans(settings, text), query.get("owner"), replace=query.getlist("replace"))
     return {"admitted": found.is_admitted, "conflicts": _rows(found.conflicts)}
 
 
-def conflicts(scene: StoredScene, request: Request, text: str) -> Answer:
+def conflicts(scene: StoredScene, settings: Scene, request: Request, text: str) -> Answer:
     """Return the known conflicts, earliest first."""
     found = scene.stream_conflicts()
     rows = _rows(islice(found, _number(request, "most", MOST_ROWS, MOST_ROWS)))
     return {"is_current": found.state.is_current, "remark": found.state.remark, "conflicts": rows}
 
 
-def events(scene: StoredScene, request: Request, text: str) -> Answer:
+def events(scene: StoredScene, settings: Scene, request: Request, text: str) -> Answer:
     """Return what happened to conflicts after an event, oldest first."""
     most = _number(request, "most", MOST_ROWS, MOST_ROWS)
     found = scene.conflict_events(after=_number(request, "after", 0, LARGEST), most=most)
     return {"events": [asdict(one) for one in found]}
 
 
-def _plans(scene: StoredScene, text: str) -> list[Any]:
-    plans = read_plans(text, scene.settings())
+def _plans(settings: Scene, text: str) -> list[Any]:
+    plans = read_plans(text, settings)
     if not 1 <= len(plans) <= MOST_PLANS:
         raise RefusedError(422, f"plans: must be 1 to {MOST_PLANS} in a request; got {len(plans)}")
     return plans
@@ -137,7 +137,7 @@ def _number(request: Request, name: str, default: int, most: int) -> int:
     return int(given)
 
 
-Work = Callable[[StoredScene, Request, str], Answer]
+Work = Callable[[StoredScene, Scene, Request, str], Answer]
 OPERATIONS: Final[tuple[tuple[str, str, Work], ...]] = (
     ("PUT", "plans", put),
     ("POST", "probe", probe),
@@ -182,20 +182,19 @@ def _worked(work: Work, request: Request, text: str) -> Answer:
     """Return the answer of an operation, on a connection of the pool; raises RefusedError for all its errors."""
     try:
         with request.app.state.pool.connection() as connection, connect(connection) as db:
-            return work(_scene(db, request.path_params["scene"]), request, text)
+            scene = db.scene(request.path_params["scene"])
+            return work(scene, _settings(scene), request, text)
     except PoolTimeout:
         raise RefusedError(429, "too many requests at a time: try again") from None
     except ConflictDBError as error:
         raise RefusedError(_status(error), str(error)) from error
 
 
-def _scene(db: Database, name: str) -> StoredScene:
-    scene = db.scene(name)
+def _settings(scene: StoredScene) -> Scene:
     try:
-        scene.settings()
+        return scene.settings()
     except InvalidInput as error:
         raise RefusedError(404, str(error)) from error
-    return scene
 
 
 def _status(error: ConflictDBError) -> int:
