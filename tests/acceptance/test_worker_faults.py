@@ -67,6 +67,13 @@ class Site:
                 subprocess.Popen([sys.executable, "-m", "conflictdb", *words], stdout=log, stderr=subprocess.STDOUT)
             )
 
+    def replace_worker(self) -> None:
+        """Start a worker when the backend of the former one is gone, and wait until it is connected."""
+        with psycopg.connect(self.server.dsn, autocommit=True) as conn:
+            self.backends(conn)
+            self.start_worker()
+            self.backends(conn)
+
     def moved(self, but: str = "") -> Area:
         """Return a random area, except that of a given key, at another place."""
         area = self.areas[self.rng.choice(sorted(self.areas.keys() - {but}))]
@@ -86,15 +93,16 @@ class Site:
             conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
-        """Return the backends that serve workers, as soon as all workers are connected.
+        """Return the backends that serve workers, as soon as all workers, and no former ones, are connected.
 
-        A worker that has just begun and cannot connect the first time ends (exit code 5), as it should.
+        A worker whose first connection fails ends, as it should; one that has stamped connects again.
         """
         end = time.monotonic() + MOST_S
-        query = "SELECT pid FROM pg_stat_activity WHERE application_name = %s"
-        while len(found := conn.execute(query, [store.WORKER_NAME]).fetchall()) < len(self.workers):
+        query = "SELECT pid FROM conflictdb.worker_stamp JOIN pg_stat_activity USING (pid)"
+        while len(found := conn.execute(query).fetchall()) != len(self.workers):
+            assert [worker.poll() for worker in self.workers] == [None] * len(self.workers), self.log.read_text()
             assert time.monotonic() < end
-            time.sleep(0.05)
+            conn.execute("SELECT pg_stat_clear_snapshot(), pg_sleep(0.05)")
         return [pid for (pid,) in found]
 
     def check(self) -> None:
@@ -134,7 +142,7 @@ def at_work(server: OwnServer, log: Path) -> Iterator[Site]:
         store.replace_scene(conn, site.scene, areas, tracks, merge=False)
     try:
         for _ in range(WORKERS):
-            site.start_worker()
+            site.replace_worker()
         site.check()
         yield site
     finally:
@@ -154,15 +162,14 @@ def kill_worker(site: Site) -> None:
     victim = site.workers.pop(site.rng.randrange(len(site.workers)))
     victim.kill()
     victim.wait()
-    site.start_worker()
+    site.replace_worker()
 
 
 def end_worker(site: Site) -> None:
     victim = site.workers.pop(site.rng.randrange(len(site.workers)))
     victim.send_signal(signal.SIGTERM)
-    # Until a worker has started it has no handler: the signal itself ends it.
-    assert victim.wait(5.0) in (0, 143, -signal.SIGTERM)
-    site.start_worker()
+    assert victim.wait(MOST_S) == 0
+    site.replace_worker()
 
 
 def kill_backend(site: Site) -> None:
