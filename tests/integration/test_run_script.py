@@ -10,6 +10,8 @@ import pytest
 from patience import WAIT_S
 
 ROOT = Path(__file__).parents[2]
+# Each contains the one before.
+PINS = ("requirements.txt", "requirements-plot.txt", "requirements-extras.txt", "requirements-dev.txt")
 
 
 def run(path: Path, venv: Path, *arguments: str, called: Path = ROOT / "run") -> "subprocess.CompletedProcess[str]":
@@ -64,7 +66,7 @@ def test_complete_environment_is_used_as_it_is(tmp_path: Path, path: Path) -> No
     shows = 'for a in "$@"; do echo "<$a>"; done; exit 7'
     program(venv / "bin/python", shows)
     program(venv / "bin/conflictdb", f'echo "$CONFLICTDB_PROGRAM"; {shows}')
-    for pins in ("requirements.txt", "requirements-dev.txt"):
+    for pins in PINS:
         made(venv, pins)
         answer = run(path, venv, "detect", "two words", "")
         printed = f"{ROOT / 'run'}\n<detect>\n<two words>\n<>\n"
@@ -93,20 +95,33 @@ def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute:
         assert (answer.returncode, answer.stdout, answer.stderr) == (0, f"{called} status\n", "")
 
 
-def test_tools_are_added_when_they_are_first_asked_for(tmp_path: Path, path: Path) -> None:
-    """The packages of run time stay as they are meanwhile; only the pinned tools are installed."""
-    venv = tmp_path / "venv"
-    made(venv, "requirements.txt")
+@pytest.mark.parametrize(
+    ("word", "what", "wanted"),
+    [
+        ("plot", "what draws figures", 1),
+        ("report", "what draws figures", 1),
+        ("extras", "the libraries of the extras", 2),
+        ("test", "the developers' tools", 3),
+    ],
+)
+def test_packages_are_added_when_they_are_first_asked_for(
+    tmp_path: Path, path: Path, word: str, what: str, wanted: int
+) -> None:
+    """An environment with fewer packages gets the pinned ones that the command needs; one with more stays."""
+    venv, calls = tmp_path / "venv", tmp_path / "calls"
     program(path / "python3", "exit 0")
-    program(venv / "bin/python", f'echo "$@" >>{tmp_path}/calls')
-    answer = run(path, venv, "test", "-k", "words")
-    assert answer.returncode == 0
-    assert "adding the developers' tools" in answer.stderr
-    installed, started = (tmp_path / "calls").read_text().splitlines()
-    assert installed.endswith(f"--require-hashes -r {ROOT / 'requirements-dev.txt'}")
-    assert started.startswith("-m pytest")
-    assert run(path, venv, "test").stderr.count("tools") == 0
-    assert "are in" in run(path, venv, "extras").stderr
+    for program_name in ("python", "conflictdb"):
+        program(venv / "bin" / program_name, f'[ "$2" != pip ] || echo "$@" >>{calls}')
+    for i, pins in enumerate(PINS):
+        made(venv, pins)
+        calls.write_text("")
+        answer = run(path, venv, word, "-k", "words")
+        assert answer.returncode == 0
+        assert (f"adding {what} to" in answer.stderr) == (i < wanted)
+        assert [
+            line.endswith(f"--require-hashes -r {ROOT / PINS[wanted]}") for line in calls.read_text().splitlines()
+        ] == ([True] if i < wanted else [])
+        assert "adding" not in run(path, venv, word).stderr
 
 
 def test_interrupted_environment_is_made_anew(tmp_path: Path, path: Path) -> None:
@@ -212,7 +227,7 @@ def made(venv: Path, pins: str) -> None:
     (venv / "made-from").write_text(f"{venv}\n{(ROOT / pins).read_text()}{(ROOT / 'pyproject.toml').read_text()}")
 
 
-@pytest.mark.parametrize("file", ["requirements.txt", "requirements-dev.txt"])
+@pytest.mark.parametrize("file", PINS)
 def test_pins_carry_hashes_and_no_addresses(file: str) -> None:
     """Every requirement has a version and hashes; where packages come from is the machine's business."""
     lines = (ROOT / file).read_text().splitlines()
@@ -224,12 +239,14 @@ def test_pins_carry_hashes_and_no_addresses(file: str) -> None:
 
 
 def test_there_is_one_set_of_versions() -> None:
-    """Pins of run time are among those of development, perhaps on more systems; developers' tools are only there."""
-    run_time, development = (pins(ROOT / file) for file in ("requirements.txt", "requirements-dev.txt"))
-    assert run_time < development
-    names = {pin.partition("==")[0] for pin in run_time}
-    assert {"numpy", "psycopg-binary", "pyogrio", "hatchling"} <= names
+    """Each file has the pins of the one before, perhaps on more systems; developers' tools are only in the last."""
+    run_time, plot, extras, development = (pins(ROOT / file) for file in PINS)
+    assert run_time < plot < extras < development
+    names = {pin.partition("==")[0] for pin in extras}
+    assert {"numpy", "psycopg-binary", "pyogrio", "hatchling", "pyarrow", "geopandas", "matplotlib"} <= names
     assert not names & {"pytest", "mypy", "ruff", "hypothesis", "testcontainers"}
+    assert {"matplotlib", "fpdf2"} <= {pin.partition("==")[0] for pin in plot}
+    assert not {"pandas", "pyarrow", "matplotlib"} & {pin.partition("==")[0] for pin in run_time}
 
 
 def pins(file: Path) -> set[str]:
