@@ -21,7 +21,7 @@ EXPORTS: Final = (
     "kernel_differences", "kernel_difference_parts", "kernel_height_overlaps", "kernel_level_shifts", "kernel_hulls",
     "kernel_apart", "kernel_distances", "kernel_positions", "kernel_references", "kernel_headings", "kernel_degrees",
     "kernel_mitred", "kernel_may_meet", "kernel_box_pairs", "kernel_uses", "kernel_use_times", "kernel_merge",
-    "kernel_approaches", "kernel_deepest",
+    "kernel_approaches", "kernel_deepest", "kernel_whole_depths",
     "malloc", "free",
 )  # fmt: skip
 

@@ -49,7 +49,7 @@ def deep_in_whole_areas(
     moves = np.isfinite(contacts.end_s)
     low_s, high_s = (np.where(moves, ends, 0.0)[row] for ends in (contacts.start_s, contacts.end_s))
     wholes = planar(setup.plane, footprints(numbers))
-    areas, east_m = _areas(setup, wholes), np.zeros(len(part))
+    areas, east_m = areas_of(setup, wholes), np.zeros(len(part))
     if setup.plane.turn_m:
         # Parts may be copies, a turn away.
         corner = pieces.shape_offset[part][:, None] + np.arange(3)
@@ -62,7 +62,7 @@ def deep_in_whole_areas(
     return depth
 
 
-def _areas(setup: Setup, wholes: NDArray[np.object_]) -> Areas:
+def areas_of(setup: Setup, wholes: NDArray[np.object_]) -> Areas:
     """Return areas of the plane, with a margin that exceeds the tolerance also at the largest scale."""
     parts, of_area = shapely.get_parts(wholes, return_index=True)
     rings, of_part = shapely.get_rings(parts, return_index=True)

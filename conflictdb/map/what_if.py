@@ -5,7 +5,7 @@ why moved plans of others are not shown.
 """
 
 import struct
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from conflictdb.core.object_pairs import object_numbers
 from conflictdb.core.pieces.covers import COVER
+from conflictdb.core.pieces.cutting import planar
 from conflictdb.core.separations import Separations
+from conflictdb.core.whole_areas import areas_of
 from conflictdb.core.world import Reach
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.jobs.plans_near import read_departing, read_near
@@ -99,6 +102,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     }
     if pieces.changes:
         arrays["shape_to"] = pieces.shape_to_xy.astype("<f8").ravel()
+    arrays |= _wholes(setup, areas, keys, objects, which, pieces.turn)
     if pieces.climbs().any():
         arrays["climb_m"] = np.concatenate([one.climb_m for one in by_settings]).astype("<f8").ravel()
     head = {
@@ -122,6 +126,35 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "digests": {track.key: digest(track) for track in tracks if moved is not None and track.key in moved},
     }
     return _with_head(head, arrays)
+
+
+def _wholes(
+    setup: Setup,
+    areas: list[Area],
+    keys: Mapping[int, str],
+    objects: NDArray[np.int64],
+    which: NDArray[np.int64],
+    turn: NDArray[np.int64],
+) -> dict[str, NDArray[Any]]:
+    """Return the areas of several convex parts: as KernelAreas, and the number of the object (m,) of each.
+
+    objects : numbers of objects
+    which, turn : (n,) place of the object of each piece in `objects`, and its copy across the antimeridian
+    """
+    footprints = {area.key: area.footprint for area in areas}
+    parts = np.bincount(which[turn == 0], minlength=len(objects))
+    several = [n for n in np.flatnonzero(parts > 1).tolist() if keys[int(objects[n])] in footprints]
+    if not several:
+        return {}
+    shapes = np.array([footprints[keys[int(objects[n])]] for n in several], dtype=object)
+    wholes = areas_of(setup, planar(setup.plane, shapes))
+    return {
+        "whole_object": np.array(several, "<i4"),
+        "whole_ring": wholes.ring_xy.astype("<f8").ravel(),
+        "whole_ring_offset": wholes.ring_offset.astype("<i8"),
+        "whole_area_offset": wholes.area_offset.astype("<i8"),
+        "whole_margin": wholes.margin.astype("<f8"),
+    }
 
 
 def _in_utc(track: Track) -> Track:

@@ -53,14 +53,6 @@ def said(page: Page, text: str) -> None:
     expect(page.locator(".what-if .said")).to_have_text(text)
 
 
-def press_waypoint(page: Page, name: str, key: str) -> None:
-    """Move a waypoint by a key, again if the page rebuilds its waypoints at that moment, which loses the key."""
-    handle = page.get_by_role("button", name=name)
-    place = "JSON.stringify(conflictdbPage.departure.waypoint)"
-    before = page.evaluate(place)
-    wait_until(page, lambda: page.evaluate(place) != before or handle.press(key))
-
-
 def copied(page: Page, what: str) -> str:
     page.get_by_role("button", name=f"Copy as {what}").click()
     expect(page.locator(".what-if")).to_contain_text(f"Copied as {what}")
@@ -189,7 +181,7 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(3)
     second = page.get_by_role("button", name="Waypoint 2")
     for _ in range(2):
-        press_waypoint(page, "Waypoint 2", "ArrowDown")
+        page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
     expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
     box = second.bounding_box()
     assert box is not None
@@ -228,12 +220,29 @@ def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open, open_pag
     said(page, "As planned: 3 conflicts.")
     asked: list[Route] = []
     page.route("**/api/probe", lambda route: asked.append(route))
-    press_waypoint(page, "Waypoint 2", "ArrowDown")
+    page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
     wait_until(page, lambda: asked)
     copied(page, "GeoJSON")
     asked[0].continue_()
     expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
     expect(page.locator(".what-if")).to_contain_text("Copied as GeoJSON")
+    page.unroute("**/api/probe")
+    assert_a_key_counts_while_pieces_are_read(page)
+
+
+def assert_a_key_counts_while_pieces_are_read(page: Page) -> None:
+    """The handles stay, with the focus, and the waypoint where the key moved it."""
+    reading: list[Route] = []
+    page.route("**/api/pieces*", lambda route: reading.append(route))
+    page.get_by_role("combobox", name="Range").select_option("3600")
+    wait_until(page, lambda: reading)
+    handle = page.get_by_role("button", name="Waypoint 2")
+    handle.press("ArrowDown")
+    place = page.evaluate("conflictdbPage.departure.waypoint")
+    reading[0].continue_()
+    wait_until(page, "conflictdbPage.departure.slider.max === '3600'")
+    assert page.evaluate("conflictdbPage.departure.waypoint") == place
+    expect(handle).to_be_focused()
 
 
 def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:
@@ -274,7 +283,7 @@ def assert_a_waypoint_is_dragged_in_a_branch(page: Page, dsn: str) -> None:
     said(page, "As planned: 2 conflicts.")
     page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
     for _ in range(3):
-        press_waypoint(page, "Waypoint 2", "ArrowDown")
+        page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
     said(page, "Waypoint 2 elsewhere: 1 fewer, none new; 1 in all.")
     shown = page.evaluate("conflictdbPage.havens.plan.conflicts.map(({other, periods}) => [other, ...periods.flat()])")
     waypoint = page.evaluate("conflictdbPage.havens.plan.waypoint")

@@ -98,7 +98,7 @@ class Page {
     this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
       rights: () => this.state.model.scene, move: (what) => this.source.move(what), probe: (what) => this.source.probe(what),
-      waypoints: (track) => this.showWaypoints(track), openScene: (name) => this.goToScene(name),
+      waypoints: (track, waypoint) => this.showWaypoints(track, waypoint), openScene: (name) => this.goToScene(name),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
@@ -650,10 +650,12 @@ class Page {
     this.showInstant();
   }
 
-  // Waypoints that can be dragged; null: none.
-  showWaypoints(track) {
+  // Waypoints that can be dragged, of which one may be elsewhere; null: none.
+  showWaypoints(track, waypoint = null) {
     const isAble = track !== null && track.motion.points.length <= MOST_WAYPOINTS;
-    this.view.showWaypoints(isAble ? track.motion.points : null, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
+    const handles = isAble ? track.motion.points.map(({ lon, lat }, n) => (
+      { name: `Waypoint ${n + 1}`, ...(waypoint?.[0] === n ? { lon: waypoint[1], lat: waypoint[2] } : { lon, lat }) })) : null;
+    this.view.showHandles(handles, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
   }
 
   planClosed() {

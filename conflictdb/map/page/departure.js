@@ -52,7 +52,7 @@ export function stretchesOf(forbidden) {
 export class Departure {
   // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close(), rights()
   // of the scene, move(what) stores a plan, probe(what) returns
-  // its conflicts, waypoints(track) shows its waypoints (null: none), openScene(name).
+  // its conflicts, waypoints(track, waypoint) shows its waypoints (null: none), one of them elsewhere, openScene(name).
   constructor(container, source, kernel, on) {
     this.container = container;
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
@@ -81,7 +81,7 @@ export class Departure {
     this.key = track.key;
     this.track = track;
     this.laterUs = this.upM = 0;
-    this.waypoint = null;
+    this.waypoint = this.whatIf = null;
     this.mayWiden = true;
     if (this.isWidened) [this.rangeS, this.isWidened] = [FIRST_S, false];
     this.summary = element("p", { class: "said", role: "status" });
@@ -154,7 +154,9 @@ export class Departure {
       this.say(`Not shown: ${printable(whatIf.refusal)}.`);
       return;
     }
+    if (this.whatIf?.digest !== whatIf.digest) this.waypoint = null; // of another plan
     this.whatIf = whatIf;
+    this.elsewhere = null;
     this.planned = new Set(whatIf.conflicts(0).map(({ other }) => other));
     this.heights.hidden = !whatIf.mayRise;
     if (!whatIf.mayRise) this.upM = 0;
@@ -168,8 +170,7 @@ export class Departure {
     this.mayWiden = false;
     [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.on.range(this.track, this.rangeS);
-    this.on.waypoints(this.track);
-    this.waypoint = null;
+    this.on.waypoints(this.track, this.waypoint);
     this.more.hidden = false;
     this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
   }

@@ -14,6 +14,7 @@ export const NEVER_BEGAN = -(2n ** 63n);
 export const NEVER_ENDS = 2n ** 63n - 1n;
 // What is known of a use of one place.
 export const USE = { OF_SPANS: 0, OF_AREA_A: 1, OF_AREA_B: 2, OF_TRACKS: 3 };
+export const DEPTH = { SHALLOW: 0, DEEP: 1, UNKNOWN: 2 };
 export const CONTACT = { CONFLICT: 0, GRAZING: 1, UNRESOLVED: 2 };
 
 export class Kernel {
@@ -352,6 +353,18 @@ export class Kernel {
       const which = this.read(BigInt64Array, pair, n);
       const [ats, metres, errors] = [at, m, error].map((from) => this.read(Float64Array, from, n));
       return Array.from(which, (one, k) => ({ pair: Number(one), at: ats[k], m: metres[k], error: errors[k] }));
+    });
+  }
+
+  // How deep pairs of a scene, of which b or a is a part of an area, are in the whole area (DEPTH): areas as KernelAreas { ring, ringOffset,
+  // areaOffset, margin }.
+  wholeDepths(scene, { a, b, zero, low, high }, { ring, ringOffset, areaOffset, margin }, area, isB, east) {
+    return this.call(() => {
+      const found = this.room(a.length);
+      const areas = this.struct(BigInt(margin.length), BigInt(ringOffset.length - 1), BigInt(ring.length / 2), ring, ringOffset, areaOffset, margin);
+      this.check(this.functions.kernel_whole_depths(
+        scene, this.struct(BigInt(a.length), a, b, zero, low, high), areas, this.put(area), this.put(isB), this.put(east), found));
+      return this.read(Int8Array, found, a.length);
     });
   }
 

@@ -119,6 +119,7 @@ export class MapView {
     this.source = source;
     this.detailZoom = detailZoom;
     this.places = places;
+    this.handles = []; // markers
     this.states = new Map(KINDS.map((kind) => [kind, new Map()]));
     this.map = new maplibregl.Map({
       container,
@@ -272,35 +273,42 @@ export class MapView {
     this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom, duration: 600 });
   }
 
-  // The middle and the zoom: longitude, latitude, zoom; and goes there.
-  // Shows waypoints (degrees) that can be dragged, or moved by the arrow keys; `onMove(n, lon, lat)` hears of it. null: none.
-  showWaypoints(points, onMove = null) {
-    for (const marker of this.waypoints ?? []) marker.remove();
-    this.waypoints = (points ?? []).map(({ lon, lat }, n) => {
-      const handle = document.createElement("button");
-      handle.type = "button";
-      handle.className = "waypoint";
-      const marker = new maplibregl.Marker({ element: handle, draggable: true }).setLngLat([lon, lat]).addTo(this.map);
-      handle.setAttribute("aria-label", `Waypoint ${n + 1}`);
-      const moved = () => {
-        const place = marker.getLngLat();
-        onMove(n, place.lng, place.lat);
-      };
-      marker.on("drag", moved);
-      handle.addEventListener("click", (event) => event.stopPropagation());
-      handle.addEventListener("keydown", (event) => {
-        const [x, y] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] ?? [0, 0];
-        if (x === 0 && y === 0) return;
-        event.preventDefault();
-        event.stopPropagation();
-        const at = this.map.project(marker.getLngLat());
-        marker.setLngLat(this.map.unproject([at.x + KEY_PX * x, at.y + KEY_PX * y]));
-        moved();
-      });
-      return marker;
+  // Shows handles { name, lon, lat } (degrees) that can be dragged, or moved by the arrow keys; `onMove(n, lon, lat)` hears of it. null:
+  // none. Handles that are there stay, as one of them may be dragged, or have the focus.
+  showHandles(handles, onMove = null) {
+    this.onHandle = onMove;
+    const wanted = handles ?? [];
+    while (this.handles.length > wanted.length) this.handles.pop().remove();
+    wanted.forEach(({ name, lon, lat }, n) => {
+      this.handles[n] ??= this.handle(n, [lon, lat]);
+      this.handles[n].setLngLat([lon, lat]).getElement().setAttribute("aria-label", name);
     });
   }
 
+  handle(n, place) {
+    const handle = document.createElement("button");
+    handle.type = "button";
+    handle.className = "handle";
+    const marker = new maplibregl.Marker({ element: handle, draggable: true }).setLngLat(place).addTo(this.map);
+    const moved = () => {
+      const { lng, lat } = marker.getLngLat();
+      this.onHandle(n, lng, lat);
+    };
+    marker.on("drag", moved);
+    handle.addEventListener("click", (event) => event.stopPropagation());
+    handle.addEventListener("keydown", (event) => {
+      const [x, y] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] ?? [0, 0];
+      if (x === 0 && y === 0) return;
+      event.preventDefault();
+      event.stopPropagation();
+      const at = this.map.project(marker.getLngLat());
+      marker.setLngLat(this.map.unproject([at.x + KEY_PX * x, at.y + KEY_PX * y]));
+      moved();
+    });
+    return marker;
+  }
+
+  // The middle and the zoom: longitude, latitude, zoom; and goes there.
   place() {
     const { lng, lat } = this.map.getCenter();
     return [lng.toFixed(5), lat.toFixed(5), this.map.getZoom().toFixed(2)].map(Number);

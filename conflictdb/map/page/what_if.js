@@ -1,7 +1,7 @@
 // What a track would meet if it departed earlier or later, or went higher or lower: the stages of a detection (conflictdb/core), each by
 // the kernel. Instants are microseconds since the base of the pack (near.js).
 
-import { CONTACT, NEVER_BEGAN, NEVER_ENDS, USE } from "./kernel.js";
+import { CONTACT, DEPTH, NEVER_BEGAN, NEVER_ENDS, USE } from "./kernel.js";
 import { alone, atHeights, heightsUnder, later, mayMeet, pairsNear, rowsOf, together, unbounded } from "./near.js";
 
 const BEYOND_US = 10; // differences are asked for this much beyond the horizon
@@ -146,27 +146,57 @@ export class WhatIf {
   }
 
   // The conflicts of the track if it departs so much later, microseconds, and is so much higher, metres: in the order of the other objects,
-  // with their periods in Unix seconds, and as `us` in microseconds since the base. A verdict of null: conflict or grazing.
+  // with their periods in Unix seconds, and as `us` in microseconds since the base. A verdict of null: conflict or grazing, of an area of
+  // several parts within a separation in time.
   conflicts(laterUs, upM = 0) {
     const now = later(this.pieces, this.object, laterUs);
     const found = bySettings(this.pairs).flatMap(([settings, some]) => this.contactsOf({ ...now, ...this.heightsAt(settings, upM) }, some, this.pack.settings[settings]));
     const objects = [...new Set(found.map(({ other }) => this.pieces.object[other]))].sort((a, b) => a - b);
     const merged = this.kernel.merge(found.map((contact) => ({ ...contact, group: objects.indexOf(this.pieces.object[contact.other]) })), objects.length);
-    return merged.map((one, n) => this.conflictOf(objects[n], one, found.filter(({ other }) => this.pieces.object[other] === objects[n])));
+    return merged.map((one, n) => this.conflictOf(now, objects[n], one, found.filter(({ other }) => this.pieces.object[other] === objects[n])));
   }
 
-  // A conflict with an object, of its contacts.
-  conflictOf(object, { periods, error, verdict, lackingError }, contacts) {
+  // A conflict with an object, of its contacts at the times of pieces.
+  conflictOf(now, object, { periods, error, verdict, lackingError }, contacts) {
     const us = periods.map((period) => period.map(unbounded));
     const base = Number(this.baseUs) / 1e6;
     // An overlap that is shallow in all parts of an area may be deep in the whole.
     const isOfParts = verdict === CONTACT.GRAZING && contacts.some(({ touches }) => touches) && this.pieces.moves[contacts[0].other] === 0
       && new Set(contacts.map(({ other }) => other)).size > 1;
-    const isOpen = verdict === CONTACT.UNRESOLVED;
+    const decided = isOfParts ? this.inWhole(now, object, contacts.filter(({ touches }) => touches)) : verdict;
+    const isOpen = decided === CONTACT.UNRESOLVED;
     return {
-      other: this.pack.objects[object], verdict: isOfParts ? null : ["conflict", "grazing", "unresolved"][verdict], us,
+      other: this.pack.objects[object], verdict: decided === null ? null : ["conflict", "grazing", "unresolved"][decided], us,
       periods: us.map((period) => period.map((at) => base + at / 1e6)), error_s: Math.max(error, isOpen ? 0 : lackingError),
     };
+  }
+
+  // The verdict on contacts with parts of an area that are shallow in each part (whole_areas.py); null: not known.
+  inWhole(pieces, object, contacts) {
+    const { pack } = this;
+    const nth = pack.whole_object?.indexOf(object) ?? -1;
+    if (nth < 0 || this.pack.settings[contacts[0].settings].within_us) return null;
+    const [from, to] = [0, 1].map((n) => Number(pack.whole_area_offset[nth + n]));
+    const [first, last] = [from, to].map((n) => Number(pack.whole_ring_offset[n]));
+    const ring = pack.whole_ring.slice(2 * first, 2 * last);
+    const area = {
+      ring, ringOffset: pack.whole_ring_offset.slice(from, to + 1).map((at) => at - BigInt(first)), areaOffset: BigInt64Array.of(0n, BigInt(to - from)),
+      margin: pack.whole_margin.slice(nth, nth + 1),
+    };
+    const xs = ring.filter((_, n) => n % 2 === 0);
+    const middle = (Math.min(...xs) + Math.max(...xs)) / 2;
+    // Parts may be copies, a turn away.
+    const east = Float64Array.from(contacts, ({ other }) => {
+      const corner = 2 * Number(pieces.shape_offset[other]);
+      const x = [0, 2, 4].reduce((sum, n) => sum + pieces.shape[corner + n] / 3, 0) + pack.turn_m * pieces.turn[other];
+      return pack.turn_m ? pack.turn_m * Math.round((x - middle) / pack.turn_m) : 0;
+    });
+    const integers = (name) => BigInt64Array.from(contacts, (one) => BigInt(one[name]));
+    const numbers = (name) => Float64Array.from(contacts, (one) => (Number.isFinite(one.end) ? one[name] : 0));
+    const asked = { a: integers("a"), b: integers("b"), zero: integers("from"), low: numbers("start"), high: numbers("end") };
+    const depths = this.kernel.withScene(pieces, null, (scene) => this.kernel.wholeDepths(
+      scene, asked, area, new BigInt64Array(contacts.length), Int8Array.from(contacts, ({ other, b }) => Number(other === b)), east));
+    return depths.includes(DEPTH.DEEP) ? CONTACT.CONFLICT : depths.includes(DEPTH.UNKNOWN) ? CONTACT.UNRESOLVED : CONTACT.GRAZING;
   }
 
   // The contacts, or the uses of one place within a time, of pairs under some settings, as `merge` takes them, with `other`.
