@@ -125,17 +125,16 @@ def new_home() -> Iterator[Path]:
 def test_readme_runs_as_printed(folder: Path, forks: str, new_home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README's commands, SQL and Python run one after the other on a fresh embedded database."""
     monkeypatch.setenv("CONFLICTDB_HOME", str(new_home))
-    mine, first, second, own = blocks("README.md", "sh")
-    assert commands(mine) == ["./run detect my.geojson", "./run map"]
-    assert commands(first) == ["./run demo", "./run test"]
+    first, second, own = blocks("README.md", "sh")
+    assert commands(first) == ["./run demo", "./run detect my.geojson", "./run map"]
     (folder / "my.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
     shell("./run server start", folder)
     try:
-        assert "FERRY" in shell("./run detect my.geojson", folder)
-        assert "<title>conflictdb" in page_served(["./run", "map"], folder)
         told = shell("./run demo", folder)
         assert told.startswith("Your own plans: ./run detect my.geojson ")
         assert 0 < told.index("FERRY") < told.index("4 solver")
+        assert "FERRY" in shell("./run detect my.geojson", folder)
+        assert "<title>conflictdb" in page_served(["./run", "map"], folder)
         write_programs(folder, forks, f"{forks} conflictdb")
         next_commands = told.partition("Try next:\n")[2].splitlines()
         assert all(command.startswith("  ./run ") for command in next_commands)
@@ -170,7 +169,7 @@ def test_own_database_runs_as_printed(folder: Path, empty_dsn: str) -> None:
     program = str(Path(sys.executable).parent)
     path = {"PATH": f"{program}:{os.environ['PATH']}", "DSN": empty_dsn}
     (folder / "my.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
-    _, init, detect, worker = commands(blocks("README.md", "sh")[3])
+    _, init, detect, worker = commands(blocks("README.md", "sh")[2])
     shell(init, folder, **path)
     assert "FERRY" in shell(detect, folder, **path)
     shell(f"{worker} --once", folder, **path)
@@ -209,6 +208,20 @@ def test_fifteen_tasks_are_one_command_each() -> None:
 PAGES = sorted(
     str(path.relative_to(ROOT)) for part in ("tutorial", "how-to") for path in (ROOT / "docs" / part).glob("*")
 )
+
+
+def test_pages_call_the_program_in_one_way() -> None:
+    """The commands of how-to pages and tutorials begin with ./run, which needs no installation."""
+    for page in PAGES:
+        for block in re.findall(r"^```(?:sh|console)?\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE):
+            assert not re.findall(r"^(?:.*\| )?conflictdb .*", block, re.MULTILINE), page
+
+
+def test_the_page_on_the_map_stays_short() -> None:
+    """It has at most 900 words: the page itself shows the rest."""
+    assert len((ROOT / "docs/how-to/see-the-map.md").read_text().split()) <= 900
+
+
 # In an output as printed: an ellipsis is anything, times taken and numbers of runs are any.
 VARIES = {"…": r"(?:.|\n)*?", "ms": r"\d+ ms", "run": r"run \d+, [\d.]+ s"}
 
