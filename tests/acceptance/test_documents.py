@@ -288,4 +288,4 @@ def test_page_runs_as_printed(
     finally:
         for process in background:
             process.terminate()
-            process.wait(30)
+            process.wait(WAIT_S)

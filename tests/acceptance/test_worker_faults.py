@@ -26,6 +26,7 @@ import shapely
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
 from own_server import OwnServer, own_server
+from patience import WAIT_S
 from psycopg.conninfo import make_conninfo
 from verdicts import by_pair, solved
 
@@ -37,7 +38,6 @@ from conflictdb.model.plans import Area, Scene, Track
 WORKERS = 2
 # A detection of one change begins and ends within this time after the change, on the whole.
 LONGEST_S = 0.25
-MOST_S = 60.0
 # Short, but long enough for the work of a worker outside of a detection.
 LIMIT_MS = 300
 LIMITS = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
@@ -90,14 +90,14 @@ class Site:
     def await_current(self) -> None:
         """Wait until workers have seen to all that is committed."""
         with psycopg.connect(self.server.dsn, autocommit=True) as conn:
-            conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
+            conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=WAIT_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
         """Return the backends that serve workers, as soon as all workers, and no former ones, are connected.
 
         A worker whose first connection fails ends, as it should; one that has stamped connects again.
         """
-        end = time.monotonic() + MOST_S
+        end = time.monotonic() + WAIT_S
         query = "SELECT pid FROM conflictdb.worker_stamp JOIN pg_stat_activity USING (pid)"
         while len(found := conn.execute(query).fetchall()) != len(self.workers):
             assert [worker.poll() for worker in self.workers] == [None] * len(self.workers), self.log.read_text()
@@ -168,7 +168,7 @@ def kill_worker(site: Site) -> None:
 def end_worker(site: Site) -> None:
     victim = site.workers.pop(site.rng.randrange(len(site.workers)))
     victim.send_signal(signal.SIGTERM)
-    assert victim.wait(MOST_S) == 0
+    assert victim.wait(WAIT_S) == 0
     site.replace_worker()
 
 
@@ -206,7 +206,7 @@ def limit_times(site: Site) -> None:
             with conn.transaction():
                 conn.execute("LOCK conflictdb.piece")
                 site.change()
-                end = time.monotonic() + MOST_S
+                end = time.monotonic() + WAIT_S
                 while not conn.execute(waits, [store.WORKER_NAME]).rowcount:
                     assert time.monotonic() < end
                     conn.execute("SELECT pg_stat_clear_snapshot(), pg_sleep(0.05)")
@@ -226,7 +226,7 @@ def detect_twice(site: Site) -> None:
         both = [pool.submit(once) for _ in range(2)]
         site.change()
         for one in both:
-            one.result(MOST_S)
+            one.result(WAIT_S)
 
 
 def edit_for_long(site: Site) -> None:

@@ -13,7 +13,7 @@ from draws import draws
 from full_plans import lost
 from mixed_scenes import odd_scene
 from odd_values import STORABLE
-from patience import until
+from patience import WAIT_S, until
 
 from conflictdb import (
     Area,
@@ -240,7 +240,7 @@ def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
                 try:
                     with connect(dsn) as mine:
                         pids[k] = mine.connection.info.backend_pid
-                        begin.wait(60.0)
+                        begin.wait(WAIT_S)
                         if in_sql[k]:
                             return admitted_in_sql(mine.connection, plans[k], owner)
                         return bool(mine.scene("city").admit(plans[k], owner=owner))
@@ -253,7 +253,7 @@ def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
 
             with ThreadPoolExecutor(n) as threads:
                 working = [threads.submit(work, k) for k in range(n)]
-                begin.wait(60.0)
+                begin.wait(WAIT_S)
                 for k in rng.choice(n, int(kills) * int(rng.integers(1, n)), replace=False).tolist():
                     threading.Event().wait(float(rng.uniform(0.0, 0.03)))
                     shot.add(k)

@@ -13,6 +13,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, Run
+from patience import WAIT_S
 
 import conflictdb
 from conflictdb import store
@@ -186,8 +187,8 @@ def test_waiting_for_a_worker(run: Run, dsn: str) -> None:
 
     with ThreadPoolExecutor(1) as pool:
         working = pool.submit(work)
-        done = run("conflicts", "--scene", "strait", "--wait", "1m", "--format", "json")
-        working.result(60)
+        done = run("conflicts", "--scene", "strait", "--wait", f"{WAIT_S:g}s", "--format", "json")
+        working.result(WAIT_S)
     assert (done.code, done.err, len(json.loads(done.out))) == (0, "", 7)
     assert run("approaches", "--scene", "strait", "--wait", "1s").code == 0
     assert run("conflicts", "--scene", "strait", "--wait", "soon").code == 2

@@ -8,6 +8,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import WAIT_S
 from psycopg import conninfo
 
 from conflictdb.embedded import find_psql
@@ -36,7 +37,7 @@ def test_each_start_gives_the_worker_its_role_and_password(conn: Conn, dsn: str,
     found = []
     try:
         for password in ("it's", "another"):
-            subprocess.run(["sh", file], env={**environ, "WORKER_PASSWORD": password}, check=True, timeout=60)
+            subprocess.run(["sh", file], env={**environ, "WORKER_PASSWORD": password}, check=True, timeout=WAIT_S)
             found.append(conn.execute(stored, [worker]).fetchone())
             conn.rollback()
             with psycopg.connect(conninfo.make_conninfo(**{**of, "user": worker, "password": password})) as one:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-from patience import answer_all
+from patience import WAIT_S, answer_all
 from psycopg import conninfo, sql
 from scenes import T0_US, area, track
 from shapely import box
@@ -17,7 +17,7 @@ from conflictdb.model.plans import Scene
 Conn = psycopg.Connection[Any]
 
 ASK = "SELECT conflictdb.request_delays('s', %s, %s)"
-ANSWER = "SELECT * FROM conflictdb.wait_for_delays(%s, '10 s')"
+ANSWER = f"SELECT * FROM conflictdb.wait_for_delays(%s, '{WAIT_S:g} s')"
 
 
 @pytest.fixture

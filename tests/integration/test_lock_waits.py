@@ -7,6 +7,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import runner
+from patience import WAIT_S
 
 from conflictdb import connect, store
 from conflictdb.cli.codes import FAILED
@@ -24,7 +25,7 @@ TABLES = [
 SHAPE = "SRID=4326;POLYGON((0 0,1 0,1 1,0 1,0 0))"
 LIMIT_S = 0.1
 # In good time: each statement that a command makes waits LIMIT_S at most.
-SOON_S = 50.0
+SOON_S = WAIT_S
 
 
 @pytest.fixture

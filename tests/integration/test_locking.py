@@ -115,11 +115,11 @@ def test_commands_say_for_whom_they_wait_and_take_a_limit(
     monkeypatch.setattr(locking, "SAY_AFTER_S", 0.1)
     begin(other, scene_id)
     run = runner(dsn, capsys)
-    done = run("detect", "--scene", "s", "--jobs", "1", "--lock-timeout", "500ms")
+    done = run("detect", "--scene", "s", "--jobs", "1", "--lock-timeout", "2s")
     said, failed = done.err.splitlines()
     assert done.code == FAILED
     assert said.startswith(f"conflictdb: waiting for another detection of scene 's': process {other.info.backend_pid} ")
-    assert failed.startswith("conflictdb: waited 0.5 s: another detection of scene 's' is at work: process ")
+    assert failed.startswith("conflictdb: waited 2 s: another detection of scene 's' is at work: process ")
     done = run("worker", "--once", "--lock-timeout", "500ms")
     assert done.code == FAILED
     assert done.err.startswith("conflictdb: s: failed: another detection of scene 's' is at work: process ")
@@ -284,24 +284,28 @@ def test_limits_of_time_do_not_end_a_detection(
     conn: Conn, dsn: str, scene_id: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It solves while its transaction is idle, and its statements run as long as they need."""
-    limits = {"idle_in_transaction_session_timeout": "700ms", "statement_timeout": "900ms", "lock_timeout": "500ms"}
+    names = ["idle_in_transaction_session_timeout", "statement_timeout"]
+    names += ["transaction_timeout"] * (conn.info.server_version >= 170000)
+    within: list[list[Any]] = []
 
-    def slowly(*arguments: Any, **named: Any) -> Any:
-        slow.execute("SELECT pg_sleep(1.2)")
-        threading.Event().wait(1.0)
+    def shown() -> list[Any]:
+        return [slow.execute(f"SHOW {name}".encode()).fetchone() for name in names]
+
+    def noted(*arguments: Any, **named: Any) -> Any:
+        within.append(shown())
         return run_scene(*arguments, **named)
 
-    monkeypatch.setattr(detect, "run_scene", slowly)
-    if conn.info.server_version >= 170000:
-        limits["transaction_timeout"] = "1500ms"
-    for name, value in limits.items():
-        conn.execute(f"ALTER DATABASE {conn.info.dbname} SET {name} = '{value}'".encode())
+    monkeypatch.setattr(detect, "run_scene", noted)
+    for name in names:
+        conn.execute(f"ALTER DATABASE {conn.info.dbname} SET {name} = '1h'".encode())
     conn.commit()
+    limited, free = [("1h",)] * len(names), [("0",)] * len(names)
     with store.connect(dsn) as slow:
-        assert slow.execute("SHOW statement_timeout").fetchone() == ("900ms",)
+        assert shown() == limited
         slow.rollback()
         assert detect.detect(slow, SCENE.name, jobs=1).conflicts == 1
-        assert slow.execute("SHOW statement_timeout").fetchone() == ("900ms",), "for its transactions only"
+        assert within == [free]
+        assert shown() == limited, "for its transactions only"
 
 
 def test_an_interrupted_detection_leaves_the_connection_without_its_lock(

@@ -42,7 +42,7 @@ listen_port = {port}
 unix_socket_dir =
 logfile = {directory}/log
 pidfile = {directory}/pid
-query_wait_timeout = 20
+query_wait_timeout = 180
 """
 
 
@@ -84,7 +84,7 @@ def bouncer(dsn: str, mode: str, size: int) -> Iterator[str]:
 
 
 def answers(dsn: str) -> bool:
-    with suppress(psycopg.OperationalError), psycopg.connect(dsn, connect_timeout=2):
+    with suppress(psycopg.OperationalError), psycopg.connect(dsn, connect_timeout=20):
         return True
     return False
 
@@ -195,7 +195,7 @@ def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> Non
 
 
 def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(dsn: str, pooled: str) -> None:
-    said, done = worked(pooled, dsn)
+    said, done = worked(pooled, dsn, heard_within_s=0.5)
     assert done == ["first", "second"]
     assert said == [said[0]], "once, although it had to connect again"
     assert said[0].startswith("notifications do not arrive on this connection")
@@ -203,10 +203,10 @@ def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(dsn: str
 
 def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str) -> None:
     with bouncer(dsn, "session", 5) as through:
-        assert worked(through, dsn) == ([], ["first", "second"])
+        assert worked(through, dsn, heard_within_s=WAIT_S) == ([], ["first", "second"])
 
 
-def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
+def worked(through: str, dsn: str, heard_within_s: float) -> tuple[list[str], list[str]]:
     """Have a worker detect two scenes, and lose its connection in between; return its output, and the scenes."""
     said: list[str] = []
     done: list[str] = []
@@ -227,9 +227,8 @@ def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
 
     def work() -> None:
         with suppress(KeyboardInterrupt):
-            Worker(
-                opened, report, 600.0, jobs=1, say=said.append, retry_s=0.01, unnotified_s=0.1, heard_within_s=0.5
-            ).run()
+            options: dict[str, Any] = {"retry_s": 0.01, "unnotified_s": 0.1, "heard_within_s": heard_within_s}
+            Worker(opened, report, 600.0, jobs=1, say=said.append, **options).run()
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()

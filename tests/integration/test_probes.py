@@ -17,7 +17,7 @@ from draws import draws
 from full_plans import lost
 from mixed_scenes import odd_scene
 from odd_values import Anywhere
-from patience import answer_all
+from patience import WAIT_S, answer_all
 from piecework import load
 from psycopg import conninfo, sql
 from scenes import T0_US, box, sail
@@ -90,7 +90,7 @@ def test_a_probe_sees_what_no_detection_has_seen(conn: Conn, dsn: str) -> None:
         assert {one.a_key for one in scene.admit(plan, replace=["new"]).conflicts} == {"added", "new"}
         with answering(dsn), connect(dsn) as other:
             with pytest.warns(IncompleteWarning):
-                told = other.scene("s").probe(plan, worker_timeout_s=60.0)
+                told = other.scene("s").probe(plan, worker_timeout_s=WAIT_S)
             assert {(one.a_key, one.b_key) for one in told} == {("added", "new"), ("new", "voyages")}
     span = "tstzrange(to_timestamp(%s), to_timestamp(%s))"
     found = f"SELECT key FROM conflictdb.probe('s', ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 4326), {span}) ORDER BY key"
@@ -122,7 +122,7 @@ def test_workers_are_asked_about_many_plans_in_as_many_round_trips_as_about_two(
         for count in (2, 9):
             calls.clear()
             plans = [box(f"P{k}", float(k), 0.0, k + 0.5, 0.2) for k in range(count)]
-            found = db.scene("s").probe(plans, worker_timeout_s=60.0)
+            found = db.scene("s").probe(plans, worker_timeout_s=WAIT_S)
             assert [(one.a_key, one.b_key) for one in found] == [("A", plan.key) for plan in plans]
             taken.append(len(calls))
         assert taken[0] == taken[1]
@@ -143,7 +143,7 @@ def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) ->
             with pytest.raises(InvalidInput, match=rule):
                 db.scene("s").probe(given)
     with answering(dsn), connect(dsn) as db:
-        told = db.scene("s").probe(plans, worker_timeout_s=60.0)
+        told = db.scene("s").probe(plans, worker_timeout_s=WAIT_S)
         assert [(one.a_key, one.b_key, one.periods) for one in told] == [
             (one.a_key, one.b_key, one.periods) for one in here
         ]
@@ -153,7 +153,7 @@ ASK = "SELECT conflictdb.request_probe(%s, ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 
 ASK_TRACK = """
 SELECT conflictdb.request_track_probe(%s, ST_GeomFromText(%s, 4326), conflictdb.rectangle_outline(500, 500, 200, 200))
 """
-ANSWER = "SELECT * FROM conflictdb.wait_for_probe(%s, '10 s')"
+ANSWER = f"SELECT * FROM conflictdb.wait_for_probe(%s, '{WAIT_S:g} s')"
 
 
 @contextmanager
@@ -243,7 +243,7 @@ def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) ->
     with answering(dsn), connect(dsn) as db:
         for plan in plans:
             here = said(list(db.scene("s").probe(plan)))
-            told = db.scene("s").probe(plan, worker_timeout_s=60.0)
+            told = db.scene("s").probe(plan, worker_timeout_s=WAIT_S)
             assert (said(list(told)), told.is_current) == (here, True)
             assert here
     with connect(dsn) as db:
@@ -269,7 +269,7 @@ def test_a_scene_that_changes_before_a_worker_answers_is_not_current(conn: Conn,
     thread = threading.Thread(target=change_and_answer)
     thread.start()
     with connect(dsn) as db, pytest.warns(IncompleteWarning, match="changed before a worker answered"):
-        found = db.scene("s").probe(box("P", 0.5, 0.5, 2.0, 2.0), worker_timeout_s=60.0)
+        found = db.scene("s").probe(box("P", 0.5, 0.5, 2.0, 2.0), worker_timeout_s=WAIT_S)
     thread.join()
     assert [one.a_key for one in found] == ["A", "B"]
 

@@ -12,6 +12,7 @@ import psycopg
 import pytest
 import shapely
 from city import asked, worker_connected
+from patience import WAIT_S
 
 import conflictdb
 from conflictdb.client.database import Database
@@ -111,7 +112,7 @@ def test_a_worker_looks_as_far_as_the_plan(db: Database) -> None:
     plan = voyage(start_us=START_US + HOUR_US)
     expected = said(scene.probe(plan))
     assert [one[:2] for one in expected] == [("S", "T")]
-    assert said(scene.probe(plan, worker_timeout_s=30.0)) == expected
+    assert said(scene.probe(plan, worker_timeout_s=WAIT_S)) == expected
 
 
 def test_a_schedule_that_no_detection_has_seen_is_cut(db: Database) -> None:
@@ -152,7 +153,7 @@ def test_one_plan_without_an_end_among_others_is_known_until_the_horizon(db: Dat
     plan, far = Area("P", BOX, start_us=np.datetime64(START_US, "us")), shapely.box(50.0, 10.0, 51.0, 11.0)
     now = np.datetime64(datetime.now(UTC).replace(tzinfo=None), "us")
     for other in (Area("N", far, start_us=now, end_us=now + np.timedelta64(1, "D")), Area("N", far, schedule=DAILY)):
-        for wait in ({}, {"worker_timeout_s": 30.0}):
+        for wait in ({}, {"worker_timeout_s": WAIT_S}):
             for plans in ([plan], [plan, other]):
                 with pytest.warns(IncompleteWarning, match="schedules are expanded from"):
                     assert not scene.probe(plans, **wait).is_current

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from conflictdb.embedded import discovery
 from conflictdb.embedded.account import Account
@@ -243,9 +244,9 @@ def test_second_fetch_waits_and_takes_what_the_first_brought(machine: FakeMachin
         fcntl.flock(lock, fcntl.LOCK_EX)
         thread = threading.Thread(target=second)
         thread.start()
-        assert waits.wait(10)
+        assert waits.wait(WAIT_S)
         machine.unpacked(15)
-    thread.join(10)
+    thread.join(WAIT_S)
     assert [server.origin for server in found] == ["cache"]
     assert machine.said == ["another process is fetching PostgreSQL with PostGIS: waiting for it"]
 

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -401,31 +400,22 @@ def test_a_scene_that_is_current_is_left_alone(dsn: str) -> None:
         assert len(store.runs(db.connection, "strait", 9)) == 1
 
 
-def test_a_limit_of_idle_sessions_does_not_end_a_worker(dsn: str) -> None:
-    """It is idle until something changes."""
+def test_a_limit_of_idle_sessions_does_not_end_a_worker(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is idle until something changes: its session has no limit when it waits."""
     with psycopg.connect(dsn, autocommit=True) as conn:
-        conn.execute(f"ALTER DATABASE {conn.info.dbname} SET idle_session_timeout = '200ms'".encode())
-    attempts: list[int] = []
-    reports: list[tuple[str, object]] = []
+        conn.execute(f"ALTER DATABASE {conn.info.dbname} SET idle_session_timeout = '1h'".encode())
+    limits: list[Any] = []
 
-    def connection() -> psycopg.Connection[Any]:
-        attempts.append(len(attempts))
-        return store.connect(dsn)
-
-    def report(scene: str, outcome: object, waited_s: float) -> None:
-        reports.append((scene, outcome))
+    def waits(connection: psycopg.Connection[Any], timeout_s: float) -> bool:
+        limits.append(connection.execute("SHOW idle_session_timeout").fetchone())
         raise KeyboardInterrupt
 
-    def work() -> None:
-        with suppress(KeyboardInterrupt):
-            Worker(connection, report, every_s=600.0, jobs=1).run()
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    time.sleep(1.0)
-    load(dsn, "strait")
-    thread.join(WAIT_S)
-    assert ([scene for scene, _ in reports], attempts) == (["strait"], [0])
+    monkeypatch.setattr(store, "wait_for_change", waits)
+    with store.connect(dsn) as usual:
+        assert usual.execute("SHOW idle_session_timeout").fetchone() == ("1h",)
+    with pytest.raises(KeyboardInterrupt):
+        worker(dsn, []).run()
+    assert limits == [("0",)]
 
 
 def test_a_scene_that_always_waits_leaves_the_others_their_turn(dsn: str) -> None:

@@ -30,6 +30,7 @@ from memory_paths import (
     with_closed_areas,
     with_other_days,
 )
+from patience import WAIT_S
 from scene_features import Object
 
 from conflictdb import Database, IncompleteWarning, StoredScene, connect
@@ -42,7 +43,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Verdict
 from conflictdb.model.settings import SETTINGS
 
-_TIMEOUT_S: Final = 30.0
+_TIMEOUT_S: Final = WAIT_S
 
 
 @dataclass
@@ -173,7 +174,7 @@ def detect_two_transactions(case: StoredCase) -> Finding:
     half = len(objects) // 2
     with case.passing("two", objects[:1], detect=False) as scene, psycopg.connect(case.dsn) as other:
         conn = case.db.connection
-        conn.execute("SET lock_timeout = '10 s'")
+        conn.execute(f"SET lock_timeout = '{WAIT_S:g} s'".encode())
         for one in objects[1 : half + 1]:
             put_by_sql(other, scene.name, one)
         for one in objects[half + 1 :]:
@@ -473,7 +474,7 @@ def admit_in_sql(case: StoredCase) -> Finding:
         admitted, conflicts, request = row
         if request is not None:
             case.answer_requests()
-            row = conn.execute("SELECT * FROM conflictdb.wait_for_admission(%s, '30 s')", [request]).fetchone()
+            row = conn.execute("SELECT * FROM conflictdb.wait_for_admission(%s, '180 s')", [request]).fetchone()
             conn.commit()
             assert row is not None
             admitted, conflicts = row
@@ -552,7 +553,7 @@ def delays_in_sql(case: StoredCase) -> Finding:
     conn.commit()
     assert row is not None
     case.answer_requests()
-    found = conn.execute("SELECT * FROM conflictdb.wait_for_delays(%s, '30 s')", [row[0]])
+    found = conn.execute("SELECT * FROM conflictdb.wait_for_delays(%s, '180 s')", [row[0]])
     names = [column.name for column in found.description or ()]
     answer = dict(zip(names, found.fetchone() or (), strict=True))
     conn.commit()
@@ -624,7 +625,7 @@ def _requested(case: StoredCase, question: str, parameters: Sequence[Any], wait:
     conn.commit()
     assert row is not None
     case.answer_requests()
-    found = conn.execute(f"SELECT * FROM conflictdb.{wait}(%s, '30 s')", [row[0]])  # type: ignore[arg-type]
+    found = conn.execute(f"SELECT * FROM conflictdb.{wait}(%s, '180 s')", [row[0]])  # type: ignore[arg-type]
     names = [column.name for column in found.description or ()]
     rows = [dict(zip(names, one, strict=True)) for one in found.fetchall()]
     conn.commit()

@@ -338,7 +338,7 @@ def test_listeners_are_told_the_keys_in_parts_that_fit(conn: Conn, dsn: str, nam
         listener.execute("LISTEN conflictdb_event; LISTEN conflictdb")
         opened, _, _ = run(conn, name)
         # The summary of the run comes last.
-        heard = list(takewhile(lambda one: one.channel == "conflictdb_event", listener.notifies(timeout=10)))
+        heard = list(takewhile(lambda one: one.channel == "conflictdb_event", listener.notifies(timeout=WAIT_S)))
     assert opened == 62 * 61 / 2
     assert max(len(one.payload.encode()) for one in heard) < 8000
     told = [json.loads(one.payload) for one in heard]
@@ -415,7 +415,7 @@ def test_no_editor_acknowledges_a_conflict_that_the_scene_does_not_have(scene: C
         scene.execute(INSERT.encode(), [ahead, name])
     assert refused.value.sqlstate == "ZC011"
     scene.rollback()
-    scene.execute("SET LOCAL statement_timeout = '5s'")
+    scene.execute(f"SET LOCAL statement_timeout = '{WAIT_S:g} s'".encode())
     scene.execute("SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
 
 

@@ -11,6 +11,7 @@ import psycopg
 import pytest
 from commands import Run
 from databases import TestServer, client_programs
+from measured import backend_clock, server_pid
 from patience import until
 from psycopg import conninfo, pq
 
@@ -411,13 +412,14 @@ def test_gaps_between_batches_do_not_slow_verification(conn: Conn) -> None:
         "INSERT INTO conflictdb.edit_seal SELECT n, int8multirange(int8range(%s * n, %s * n + 1)), 1, '', now(), 0, "
         "'3', 0 FROM generate_series(0, 9999) n"
     )
+    clock = backend_clock(conn) if server_pid(conn) else time.monotonic
     took_s = []
     for step in (1, 2):
         conn.execute("DELETE FROM conflictdb.edit_seal")
         conn.execute(batches.encode(), [step, step])
-        start = time.monotonic()
+        start = clock()
         assert verified(conn)[3:] == (1, "it had 1 edits, and has 0")
-        took_s.append(time.monotonic() - start)
+        took_s.append(clock() - start)
     # A hundred times as long if the numbers were added batch by batch.
     assert took_s[1] < 10 * took_s[0] + 1
 

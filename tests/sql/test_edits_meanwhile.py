@@ -7,6 +7,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from patience import WAIT_S
 
 from conflictdb import store
 from conflictdb.jobs import detect
@@ -82,7 +83,7 @@ def test_a_branch_is_edited_while_a_worker_detects_its_parent(
         def end_write(c: Conn, *rest: Any) -> store.RunOutcome:
             if c is worker:
                 begun.set()
-                go_on.wait(30)
+                go_on.wait(WAIT_S)
             return end(c, *rest)
 
         monkeypatch.setattr(store, "end_write", end_write)
@@ -91,7 +92,7 @@ def test_a_branch_is_edited_while_a_worker_detects_its_parent(
         def edit() -> None:
             put(other, "s", "P", 0.5)
             working.start()
-            assert begun.wait(30)
+            assert begun.wait(WAIT_S)
             put(other, "b", "X", 0)
 
         before_second_look(monkeypatch, conn, edit)

@@ -8,6 +8,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from patience import WAIT_S
 from piecework import load
 from scenes import T0_US
 
@@ -63,7 +64,7 @@ def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatc
             load(conn, Scene(name, nearest_m=20_000.0), *crossing())
             run = detect(conn, name, jobs=1)
             runs[name] = (run.opened, run.changed, run.closed, run.conflicts, run.unresolved)
-            one = list(takewhile(lambda n: n.channel == "conflictdb_event", listener.notifies(timeout=10)))
+            one = list(takewhile(lambda n: n.channel == "conflictdb_event", listener.notifies(timeout=WAIT_S)))
             heard[name] = [json.loads(n.payload) for n in one]
     assert runs["copied"] == runs["stated"]
     for query in (ROWS, NEAR, EVENTS):

@@ -7,6 +7,7 @@ from typing import Any
 import psycopg
 import pytest
 import shapely
+from patience import WAIT_S
 from piecework import load
 
 from conflictdb import store
@@ -164,12 +165,12 @@ def waiting(conn: Conn, dsn: str) -> Iterator[Any]:
 
 def test_waiting_ends_when_the_scene_is_current(conn: Conn, waiting: Any) -> None:
     load(conn, Scene("s"), AREAS, [])
-    waits = waiting("60 s")
+    waits = waiting(f"{WAIT_S:g} s")
     with pytest.raises(TimeoutError):
         waits.result(0.3)
     detect(conn, "s", jobs=1)
-    assert waits.result(30) is None
-    assert waiting("0 s").result(30) is None
+    assert waits.result(WAIT_S) is None
+    assert waiting("0 s").result(WAIT_S) is None
 
 
 def test_waiting_that_takes_too_long_says_what_waits(conn: Conn, waiting: Any) -> None:
@@ -177,17 +178,17 @@ def test_waiting_that_takes_too_long_says_what_waits(conn: Conn, waiting: Any) -
     outcome = (
         "ZC014 scene 's': is_current: is not current after 00:00:00.2: never detected: 2 objects wait for detection"
     )
-    assert waiting("0.2 s").result(30) == outcome
+    assert waiting("0.2 s").result(WAIT_S) == outcome
 
 
 def test_waiting_for_a_scene_that_is_removed_ends(conn: Conn, waiting: Any) -> None:
     load(conn, Scene("s"), AREAS, [])
-    waits = waiting("60 s")
+    waits = waiting(f"{WAIT_S:g} s")
     with pytest.raises(TimeoutError):
         waits.result(0.3)
     conn.execute("DELETE FROM conflictdb.scene")
     conn.commit()
-    assert waits.result(30).startswith("ZC010 scene 's': name: is not in this database")
+    assert waits.result(WAIT_S).startswith("ZC010 scene 's': name: is not in this database")
 
 
 @pytest.mark.parametrize("level", ["REPEATABLE READ", "SERIALIZABLE"])
@@ -197,12 +198,16 @@ def test_waiting_where_nothing_can_be_seen_is_refused(conn: Conn, waiting: Any, 
     outcome = (
         f"ZC013 scene 's': transaction: is {level}: it sees one state of the database until it ends, and would wait"
     )
-    assert waiting("60 s", begin).result(30).startswith(outcome)
+    assert waiting(f"{WAIT_S:g} s", begin).result(WAIT_S).startswith(outcome)
     detect(conn, "s", jobs=1)
-    assert waiting("60 s", begin).result(30) is None
+    assert waiting(f"{WAIT_S:g} s", begin).result(WAIT_S) is None
 
 
 def test_waiting_for_changes_that_are_not_committed_is_refused(conn: Conn, waiting: Any) -> None:
     load(conn, Scene("s"), AREAS, [])
     detect(conn, "s", jobs=1)
-    assert waiting("60 s", PUT).result(30).startswith("ZC013 scene 's': transaction: has changed the scene itself")
+    assert (
+        waiting(f"{WAIT_S:g} s", PUT)
+        .result(WAIT_S)
+        .startswith("ZC013 scene 's': transaction: has changed the scene itself")
+    )

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import WAIT_S
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
 
 HAVEN = {"fore_m": 5, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 TIMES = ["2026-03-01T05:00:00Z", "2026-03-01T06:00:00Z"]
-LONGEST_S = 60.0  # far more than a hostile file takes; quadratic time would be hours
+LONGEST_S = WAIT_S  # far more than a hostile file takes; quadratic time would be hours
 SQUARE = [[4, 57], [5, 57], [5, 58], [4, 58], [4, 57]]
 
 

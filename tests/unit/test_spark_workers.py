@@ -236,7 +236,7 @@ def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, caps
         shown = ""
         with on_spark._shown_progress(spark, 0.01) as begin:
             begin("solving")
-            ends = time.monotonic() + (30.0 if is_terminal else 0.1)
+            ends = time.monotonic() + (WAIT_S if is_terminal else 0.1)
             while "solving" not in shown and time.monotonic() < ends:
                 shown += capsys.readouterr().err
         shown += capsys.readouterr().err

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import StringIO
+from types import SimpleNamespace
 
 import pytest
 from patience import WAIT_S
@@ -64,11 +65,17 @@ def test_a_phase_says_how_long_it_will_last(given: tuple[str, int, int, float], 
     assert meter.phase_text(*given) == text
 
 
-def test_long_phases_are_shown_and_short_ones_are_not(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
+def test_long_phases_are_shown_and_short_ones_are_not(
+    terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, err = terminal(80)
+    clock_s = [0.0]
+    monkeypatch.setattr(meter, "time", SimpleNamespace(monotonic=lambda: clock_s[0]))
     with meter.shown_phases({"long": 100}, after_s=2.0, every_s=0.01) as phase:
         phase("short", 0, 0)
+        clock_s[0] = 1.9
         phase("long", 50, 0)
+        clock_s[0] = 4.0
         until = time.monotonic() + WAIT_S
         while "long" not in err.getvalue() and time.monotonic() < until:
             time.sleep(0.01)

@@ -67,7 +67,7 @@ def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
     connection, is_cancelled, ended = Connection(), Event(), []
 
     def work() -> None:
-        is_cancelled.wait(60.0)
+        is_cancelled.wait(WAIT_S)
         ended.append(True)
         raise ZeroDivisionError
 
