@@ -6,12 +6,15 @@ BEGIN ATOMIC
     -- The aggregates receive the rows in order, directly from the subquery with ORDER BY.
     SELECT json_build_object(
                'a', coalesce(json_agg(c.a_key), '[]'), 'b', coalesce(json_agg(c.b_key), '[]'),
+               'moving', coalesce(string_agg(c.moving, ''), ''),
+               'possible', coalesce(json_agg(c.nth) FILTER (WHERE c.certainty = 'may'), '[]'),
                'acknowledged', coalesce(
                    json_agg(json_build_array(c.nth, c.acknowledged_by, c.acknowledged_for, c.acknowledged_until))
                    FILTER (WHERE c.acknowledged_by IS NOT NULL), '[]'))::text,
            coalesce(string_agg(c.numbers, ''::bytea), '')
     FROM (SELECT row_number() OVER (ORDER BY f.first_contact NULLS FIRST, f.a_key, f.b_key) - 1 AS nth,
-                 f.a_key, f.b_key, f.acknowledged_by, f.acknowledged_for, f.acknowledged_until,
+                 f.a_key, f.b_key, f.acknowledged_by, f.acknowledged_for, f.acknowledged_until, f.certainty,
+                 ((f.a_kind = 'track')::integer + (f.b_kind = 'track')::integer)::text AS moving,
                  int8send(f.conflict_id)
                  || int2send((CASE f.verdict WHEN 'conflict' THEN 0 WHEN 'grazing' THEN 1 ELSE 2 END)::smallint)
                  || int2send(f.is_current::integer::smallint) || float8send(f.time_error_s)
@@ -30,7 +33,8 @@ BEGIN ATOMIC
           ORDER BY nth) c;
 END;
 COMMENT ON FUNCTION _map_conflicts(text) IS
-'Conflicts of a scene for a list and a timeline, earliest first. head: JSON with keys a and b and, for acknowledged '
+'Conflicts of a scene for a list and a timeline, earliest first. head: JSON with keys a and b, how many of both '
+'are tracks (moving, a digit each), the indexes of those that tolerances make possible and, for acknowledged '
 'conflicts, [index from 0, user, reason, expiry]. numbers, big-endian, for each conflict: conflict_id (8 bytes), '
 'verdict (2: 0 conflict, 1 grazing, 2 unresolved), is_current (2), time error in seconds (8), first contact in degrees '
 '(2 x 8, NaN: not computed), west, south, east, north of the region (4 each), number of periods (4), and their starts '

@@ -15,6 +15,7 @@ from conflictdb.cli.pictures import show_map
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.client.database import DEMO_SCENE
+from conflictdb.core.ranking import worst_first
 from conflictdb.jobs.detect import Run
 
 # Pairs that the scene was designed to show; mentioned only if the detection agrees.
@@ -31,14 +32,16 @@ def demo(args: argparse.Namespace) -> int:
         db.load_demo()
         with shown_phases() as phase:
             run = db.scene(DEMO_SCENE).detect(full=True, phase=phase)
-        found = db.scene(DEMO_SCENE).conflicts()
+        scene = db.scene(DEMO_SCENE)
+        found = scene.conflicts()
+        known = scene.depths(found)
         args.scene = DEMO_SCENE  # the last one used
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
     others = "(or positions in .csv, GPX, KML, GeoPackage, GeoParquet)"
     out(wrapped(f"Your own plans: {command} detect my.geojson {others}"))
     out(wrapped(f"Here, a strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens."))
     out()
-    show_table(conflict_table(found))
+    show_table(conflict_table(worst_first(found, known), known=known))
     out()
     out(funnel_table(run))
     out()

@@ -72,7 +72,8 @@ def detect(args: argparse.Namespace) -> int:
         near = [db.scene(scene).stream_approaches(only_near=True) for scene in scenes]
         states = [one.state for one in found]
         if args.format == "table":
-            print_conflicts(chain.from_iterable(found), states, args.format)
+            depths = db.scene(scenes[0]).depths if len(scenes) == 1 else (lambda _: {})
+            print_conflicts(chain.from_iterable(found), states, args.format, known_depths=depths)
             if rows := list(chain.from_iterable(near)):
                 out("\nno conflict, but near:")
                 show_table(approach_table(rows))
@@ -103,7 +104,8 @@ def conflicts(args: argparse.Namespace) -> int:
         wait(db, args)
         found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
         require_current(args, found.state)
-        print_conflicts(found, [found.state], args.format, shown=shown)
+        depths = db.scene(args.scene).depths
+        print_conflicts(found, [found.state], args.format, shown=shown, known_depths=depths)
         if args.since is not None:
             _print_gone(db.scene(args.scene), args)
     return listed(found.state)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, note, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
+from conflictdb.core.ranking import Known, facts_of, missing_text, worst_first
 from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats.conflict_gpx import position_of
 from conflictdb.formats.conflict_text import MoreColumn
@@ -53,6 +54,7 @@ class Shown:
 
 
 _PLAIN: Final = Shown()
+_NO_DEPTHS: Final[Known] = {}
 
 
 def print_conflicts(
@@ -62,10 +64,13 @@ def print_conflicts(
     more: Sequence[MoreColumn] = (),
     *,
     shown: Shown = _PLAIN,
+    known_depths: Callable[[Sequence[Conflict]], Known] = lambda _: {},
 ) -> None:
     """Print conflicts as a table, JSON, CSV, GeoJSON, GPX, iCalendar or GeoParquet, and remarks on incomplete scenes.
 
-    All formats but the table, which needs its column widths, are printed as a stream.
+    All formats but the table, which has the worst first, are printed as a stream.
+
+    known_depths : returns how deep conflicts are, for the table
     """
     remark_incomplete(states)
     if form == "geoparquet":
@@ -77,7 +82,8 @@ def print_conflicts(
         if left_out:
             remark(f"left out {len(left_out)}: {'no position' if form == 'gpx' else 'no start or no end'}")
     elif rows := list(conflicts):
-        show_table(conflict_table(rows, more, shown=shown))
+        known = known_depths(rows)
+        show_table(conflict_table(worst_first(rows, known), more, shown=shown, known=known))
     else:
         out("no conflicts" if all(state.is_current for state in states) else "no conflict is known")
 
@@ -123,8 +129,13 @@ def _incomplete(state: SceneState) -> str:
 _Column = tuple[str, Callable[[Any], object]]
 
 
-def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown = _PLAIN) -> str:
-    """Return a table of conflicts, one line per pair, times rounded outward to the second."""
+def conflict_table(
+    conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown = _PLAIN, known: Known = _NO_DEPTHS
+) -> str:
+    """Return a table of conflicts, one line per pair, times rounded outward to the second.
+
+    known : depths, for a column in words
+    """
     times = [shown.header(text) for text in ("FIRST CONTACT", "LAST CONTACT", "AT", "UNTIL")]
     columns: list[_Column] = [
         *_PAIR,
@@ -132,6 +143,8 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
         (times[1], lambda one: shown.moment(one.last_contact, up=True)),
         ("PERIODS", lambda one: len(one.periods)),
     ]
+    if known:
+        columns.append(("HOW CLOSE", lambda one: missing_text(facts_of(one).moving, known.get((one.a_key, one.b_key)))))
     remarks = [one for one in REMARKS if any(getattr(conflict, one.field) is not None for conflict in conflicts)]
     columns += [(_header(one), partial(_remark, one)) for one in remarks]
     if "position" in shown.more:

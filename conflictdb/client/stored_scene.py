@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from conflictdb.client.advise import Advice
+    from conflictdb.core.depths import DeepestContact
     from conflictdb.core.funnel import Progress
     from conflictdb.jobs.detect import Phase, Run
     from conflictdb.jobs.import_computed import WrittenBack
@@ -223,6 +224,20 @@ class StoredScene:
         for conflict in found:
             conflict.found_by(self)
         return found
+
+    def depths(self, conflicts: "Sequence[Conflict]") -> "dict[tuple[str, str], DeepestContact]":
+        """Return by how much conflicts undercut their separation at most, metres, and when, by their keys.
+
+        Outdated conflicts are left out, and all of them if there are more than 2,000: it would take seconds.
+        """
+        from conflictdb.core.depths import depths
+        from conflictdb.core.ranking import MOST_DEPTHS
+
+        pairs = {(one.a_key, one.b_key) for one in conflicts if one.is_current is not False}
+        if not 0 < len(pairs) <= MOST_DEPTHS:
+            return {}
+        found = depths(*self._read(sorted({key for pair in pairs for key in pair})))
+        return {pair: one for pair, one in found.items() if pair in pairs}
 
     def approaches(self) -> Listing[Approach]:
         """Return the closest approaches: of conflicts, and of pairs within the scene's `nearest_m`.

@@ -29,10 +29,12 @@ class DeepestContact:
     depth_m : the required separation minus the least signed distance, metres; two objects that overlap by their
         shallowest escape
     at_us : when that is, microseconds since 1970; None if it does not change
+    separation_m : the required separation, metres
     """
 
     depth_m: float
     at_us: int | None
+    separation_m: float = 0.0
 
 
 def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[tuple[str, str], DeepestContact]:
@@ -57,9 +59,8 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
             if not depth_m[k] >= 0.0:
                 break
             key = tuple(keys[int(own.kind[row])][int(own.object_id[row])] for row in (a[k], b[k]))
-            found.setdefault(
-                (key[0], key[1]), DeepestContact(float(depth_m[k]), None if at_us[k] < 0 else int(at_us[k]))
-            )
+            when_us = None if at_us[k] < 0 else int(at_us[k])
+            found.setdefault((key[0], key[1]), DeepestContact(float(depth_m[k]), when_us, settings.separation_m))
     return found
 
 

@@ -16,19 +16,20 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb import store
+from conflictdb.core.depths import DeepestContact
 from conflictdb.core.depths import depths as depths_of
+from conflictdb.core.ranking import MOST_DEPTHS, Facts, is_certain, missing_text, rank
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import lines_of
-from conflictdb.model.results import Conflict
+from conflictdb.model.results import Certainty, Conflict, Verdict
 from conflictdb.model.settings import SETTINGS, SettingType
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
 _CONFLICT: Final = struct.Struct(">qhhddd4fi")
 _PERIOD_BYTES: Final = 16
-# Larger scenes have no depths: they would delay the first view of the page.
-_MOST_DEPTHS: Final = 2_000
+_FIRST: Final = struct.Struct(">d")
 
 _AREA: Final = (
     "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "spans",
@@ -49,12 +50,14 @@ class Listed:
     """A conflict in the list: number, objects and first contact, degrees, None if unknown.
 
     is_current : False if one of the objects changed since
+    facts : what its rank reads
     """
 
     number: int
     pair: Pair
     is_current: bool
     first_contact_deg: tuple[float, float] | None
+    facts: Facts
 
 
 def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
@@ -125,27 +128,42 @@ def listed(packed: bytes) -> list[Listed]:
     """Unpack the result of `conflicts`, in its order."""
     at = _LENGTH.size + _LENGTH.unpack_from(packed)[0]
     head = from_json(packed[_LENGTH.size : at])
+    possible = set(head["possible"])
     found = []
-    for a, b in zip(head["a"], head["b"], strict=True):
-        number, _, is_current, _, lon, lat, *_, periods = _CONFLICT.unpack_from(packed, at)
-        at += _CONFLICT.size + _PERIOD_BYTES * periods
-        found.append(Listed(number, Pair(a, b), bool(is_current), None if math.isnan(lon) else (lon, lat)))
+    for n, (a, b, moving) in enumerate(zip(head["a"], head["b"], head["moving"], strict=True)):
+        number, verdict, is_current, _, lon, lat, *_, periods = _CONFLICT.unpack_from(packed, at)
+        at += _CONFLICT.size
+        first_s = _FIRST.unpack_from(packed, at)[0] if periods else -math.inf
+        at += _PERIOD_BYTES * periods
+        certain = is_certain(Verdict.of_code(verdict), Certainty.MAY if n in possible else None)
+        facts = Facts(a, b, int(moving), certain, first_s)
+        found.append(Listed(number, Pair(a, b), bool(is_current), None if math.isnan(lon) else (lon, lat), facts))
     return found
 
 
-def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float, float | None]]:
-    """Return how deep current conflicts undercut the required separation: number, metres, and when, Unix seconds.
+def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float | None, float | None, str]]:
+    """Return the conflicts, the worst first (core/ranking.py): number, depth, when it is deepest, and words.
 
-    Conflicts without a known depth are left out; all of them if there are more than _MOST_DEPTHS.
+    Depths are metres by which the required separation is undercut, instants Unix seconds. They are null, and the words
+    empty, if they are not known: of outdated conflicts, and of all if there are more than MOST_DEPTHS.
     """
+    known: dict[tuple[str, str], DeepestContact] = {}
     with store.snapshot(conn):
-        some = [one for one in listed(conflicts(conn, scene)) if one.is_current]
-        if not 0 < len(some) <= _MOST_DEPTHS:
-            return []
-        keys = sorted({key for one in some for key in (one.pair.a, one.pair.b)})
-        known = depths_of(*store.read_scene(conn, scene, keys))
-    found = ((one.number, known.get((one.pair.a, one.pair.b))) for one in some)
-    return [(number, one.depth_m, one.at_us and one.at_us / 1e6) for number, one in found if one is not None]
+        found = listed(conflicts(conn, scene))
+        some = [one for one in found if one.is_current]
+        if 0 < len(some) <= MOST_DEPTHS:
+            keys = sorted({key for one in some for key in (one.pair.a, one.pair.b)})
+            pairs = {(one.pair.a, one.pair.b) for one in some}
+            deepest = depths_of(*store.read_scene(conn, scene, keys))
+            known = {pair: one for pair, one in deepest.items() if pair in pairs}
+    found.sort(key=lambda one: rank(one.facts, known))
+    return [(one.number, *_deepest(one.facts, known.get((one.pair.a, one.pair.b)))) for one in found]
+
+
+def _deepest(facts: Facts, found: DeepestContact | None) -> tuple[float | None, float | None, str]:
+    if found is None:
+        return None, None, ""
+    return found.depth_m, None if found.at_us is None else found.at_us / 1e6, missing_text(facts.moving, found)
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:

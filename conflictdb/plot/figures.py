@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 # What fits on a page and can be read; and on the first page of a report, below its counts.
 MOST_ROWS: Final = 40
-_MOST_DEEPEST: Final = 10
+_MOST_WORST: Final = 10
 _MOST_NAMES: Final = 30
 _INSTANTS: Final = 301
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -81,16 +81,14 @@ def plot_scene(
     return _scene_figure(scene, areas, tracks, rows, rows[:MOST_ROWS], f"the first {MOST_ROWS}", remark)
 
 
-def plot_deepest(
-    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]
-) -> "Figure":
-    """Return the figure of `plot_scene` for the first page of a report: the timeline has the deepest conflicts.
+def plot_worst(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]) -> "Figure":
+    """Return the figure of `plot_scene` for the first page of a report: the timeline has the worst conflicts.
 
-    conflicts : the deepest first
+    conflicts : the worst first
     """
     rows = [one for one in conflicts if one.periods]
-    shown = sorted(rows[:_MOST_DEEPEST], key=first_contact_order)
-    return _scene_figure(scene, areas, tracks, rows, shown, f"the {_MOST_DEEPEST} deepest")
+    shown = sorted(rows[:_MOST_WORST], key=first_contact_order)
+    return _scene_figure(scene, areas, tracks, rows, shown, f"the {_MOST_WORST} worst")
 
 
 def _scene_figure(

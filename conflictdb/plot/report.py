@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from conflictdb.core.depths import DeepestContact, depths
+from conflictdb.core.ranking import facts_of, missing_text, worst_first
 from conflictdb.errors import printable
 from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import METHODS
@@ -112,9 +113,8 @@ def check_name(file: str | Path) -> Path:
 
 def _sections(checked: Checked) -> list[Section]:
     known = _depths(checked)
-    conflicts = sorted(checked.conflicts, key=lambda one: (-_depth_m(known, one), figures.first_contact_order(one)))
-    draw = figures.plot_deepest if known else figures.plot_scene
-    overview = draw(checked.scene, checked.areas, checked.tracks, conflicts)
+    conflicts = worst_first(checked.conflicts, known)
+    overview = figures.plot_worst(checked.scene, checked.areas, checked.tracks, conflicts)
     return [
         _found(checked, conflicts),
         Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
@@ -154,26 +154,20 @@ def _depths(checked: Checked) -> Known:
     if not 0 < len(checked.conflicts) <= _MOST_DEPTHS:
         return {}
     areas = [one for one in checked.areas if one.key in keys]
-    return depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys])
+    pairs = {(one.a_key, one.b_key) for one in checked.conflicts if one.is_current is not False}
+    found = depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys])
+    return {pair: one for pair, one in found.items() if pair in pairs}
 
 
-def _depth_m(known: Known, one: Conflict) -> float:
-    """Return the depth of a conflict, metres; -1 if it is not known."""
-    found = None if one.is_current is False else known.get((one.a_key, one.b_key))
-    return -1.0 if found is None else max(0.0, found.depth_m)
-
-
-def _depth_text(known: Known, one: Conflict) -> str:
-    """Return the depth of a conflict, and when it is deepest; empty if that is not known."""
-    depth_m = _depth_m(known, one)
-    if depth_m < 0.0:
-        return ""
-    at_us = known[one.a_key, one.b_key].at_us
-    return f"{depth_m:,.1f}" if at_us is None else f"{depth_m:,.1f} at {instant_text(instant(at_us))[11:]}"
+def _missing(known: Known, one: Conflict) -> str:
+    """Return how much of the separation is missing, and when most; empty if that is not known."""
+    found = known.get((one.a_key, one.b_key))
+    words = missing_text(facts_of(one).moving, found)
+    return words if found is None or found.at_us is None else f"{words} at {instant_text(instant(found.at_us))[11:]}"
 
 
 def _listed(checked: Checked, conflicts: Sequence[Conflict], known: Known) -> Section:
-    header = ["A", "B", "Verdict", "Periods (UTC)", "Known to", "First contact", "Depth, m"]
+    header = ["A", "B", "Verdict", "Periods (UTC)", "Known to", "First contact", "How close"]
     rows = [
         [
             *map(printable, one.labels),
@@ -181,13 +175,13 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict], known: Known) -> Se
             "\n".join(_period(*period) for period in one.periods),
             bound_text(one.time_error_s),
             "" if one.first_contact_deg is None else "{1:.5f}, {0:.5f}".format(*one.first_contact_deg),
-            _depth_text(known, one),
+            _missing(known, one),
         ]
         for one in conflicts[:_MOST_CONFLICTS]
     ]
-    text = "The deepest first. Periods are rounded outward to the second. Places are latitude, longitude in degrees."
-    text += " Depth: by how much the required separation is undercut at most, and when; of an area of several parts,"
-    text += " at least."
+    text = "The worst first: both move before one moves, certain before possible, then the soonest. Periods are rounded"
+    text += " outward to the second. Places are latitude, longitude in degrees. How close: how much of the required"
+    text += " separation is missing at most, and when; of an area of several parts, at least."
     if len(conflicts) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS} of {len(conflicts):,}; conflictdb conflicts --format csv has all."
     return Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
@@ -313,7 +307,7 @@ def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     if not drawn:
         return []
     more = len(conflicts) - len(drawn)
-    text = f"The {len(drawn)} deepest; conflictdb plot draws any of the other {more:,}." if more else ""
+    text = f"The {len(drawn)} worst; conflictdb plot draws any of the other {more:,}." if more else ""
     return [Section("Pair by pair", text, figures=drawn)]
 
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b9b7f9a33ea4a867176f6c3546a94ce36bc4b9b6cf09da51a481231ecb433600"
+routines_sha256 = "60c383fff5fff175e3110ed95419b588856bb3c743cc0379a34bca696cb0ced7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

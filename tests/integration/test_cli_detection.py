@@ -77,11 +77,22 @@ def test_detection_again_and_by_scene_gives_the_same(run: Run) -> None:
 
 def test_table_csv_and_geojson_show_the_same_pairs(run: Run) -> None:
     table = run("detect", STRAIT).out.splitlines()
-    header = "A B VERDICT FIRST CONTACT (UTC) LAST CONTACT (UTC) PERIODS A NAME B NAME"
+    header = "A B VERDICT FIRST CONTACT (UTC) LAST CONTACT (UTC) PERIODS HOW CLOSE A NAME B NAME"
     assert " ".join(table[0].split()) == header
     assert {tuple(line.split()[:2]) for line in table[1:]} == EXPECTED
     times = "2026-06-01 11:09:00  2026-06-01 11:50:27"
-    assert f"FIRING  SURVEY  conflict  {times}        3  {'Firing practice':26}  Survey aircraft" in table
+    survey = (
+        f"FIRING  SURVEY  conflict  {times}        3  {'inside by 7.5 nmi':22}  {'Firing practice':26}  Survey aircraft"
+    )
+    assert survey in table
+    # Two that move before one that does, this before none; then the soonest.
+    assert [line.split()[:2] for line in (table[1], table[2], table[-1])] == [
+        ["FERRY", "TOW"],
+        ["CABLE", "SUB-1"],
+        ["DIVING", "FIRING"],
+    ]
+    assert "  too close by 0.5 nmi  " in table[1]
+    assert table == run("conflicts").out.splitlines()
     named = next(line for line in table if line.startswith("CABLE "))
     assert "  Cable works on the sea bed  " in named
 
@@ -137,7 +148,7 @@ def test_conflicts_are_selected(strait: Run) -> None:
 def test_local_times_are_read_and_shown(strait: Run) -> None:
     local = ("conflicts", "--tz", "Europe/Copenhagen")
     table = strait(*local, "FERRY", "--to", "2026-06-01 11:05").out.splitlines()
-    assert " ".join(table[0].split()) == "A B VERDICT FIRST CONTACT LAST CONTACT PERIODS A NAME B NAME"
+    assert " ".join(table[0].split()) == "A B VERDICT FIRST CONTACT LAST CONTACT PERIODS HOW CLOSE A NAME B NAME"
     assert table[1].split()[:2] == ["FIRING", "FERRY"]
     assert "  2026-06-01 10:11:17+02:00  2026-06-01 11:07:24+02:00  " in table[1]
     assert len(table) == 3
@@ -210,7 +221,9 @@ def test_unbounded_periods_are_null_in_json_and_dots_elsewhere(run: Run, tmp_pat
     (row,) = run("detect", path, "--format", "json").json
     assert (row["scene"], row["periods"], row["first_contact"]) == ("always", [[None, None]], None)
     assert "../.." in run("conflicts", "--scene", "always", "--format", "csv").out
-    assert run("conflicts", "--scene", "always").out.splitlines()[1].split() == ["a", "b", "conflict", "..", "..", "1"]
+    row = run("conflicts", "--scene", "always").out.splitlines()[1].split()
+    assert row[:6] == ["a", "b", "conflict", "..", "..", "1"]
+    assert row[6:8] == ["overlapping", "by"]
 
 
 def test_fail_on_conflict(run: Run, tmp_path: Path) -> None:

@@ -85,6 +85,12 @@ def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
         assert row["periods"] == [(start.timestamp(), end.timestamp()) for start, end in conflict.periods]
         assert row["place"] == conflict.first_contact_deg
         assert (row["is_current"], row["error_s"]) == (True, conflict.time_error_s)
+    # The worst first: number, depth, when, and words.
+    ranked = strait.read("/api/depths")
+    keys = {row["id"]: (row["a"], row["b"]) for row in rows}
+    assert [keys[one[0]] for one in ranked[:2]] == [("FERRY", "TOW"), ("CABLE", "SUB-1")]
+    assert [one[3] for one in ranked[:2]] == ["too close by 0.5 nmi", "inside by 7.2 nmi"]
+    assert {keys[one[0]] for one in ranked} == set(keys.values())
     known_boxes = {number: [float(n) for n in re.findall(r"[-\d.e]+", box[6:])] for number, box in boxes}
     for row in rows:
         west, south, _, east, north, _ = known_boxes[row["id"]]
