@@ -33,7 +33,7 @@ import psycopg
 import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
-from conflictdb.cli.parser import Parser
+from conflictdb.cli.parser import NOTATION, Parser
 from conflictdb.exchange import aixm, notam, openair, operational_intents, s124, s421, uas_zones
 from conflictdb.formats import file_objects, gpx, kml_document, moving_features, positions, rtz
 from conflictdb.formats.standards import Standard
@@ -122,6 +122,9 @@ only one; a line on stderr names it. The last ones are in `~/.local/state/confli
 
 `conflictdb completion bash|zsh|fish` prints a script that completes commands and options; its first lines say where to
 put it.
+
+Values of options:
+
 """
 
 
@@ -130,6 +133,7 @@ def cli() -> str:
     whole = commands.build()
     sections = [
         CLI,
+        table(["value", "is"], ((f"`{name}`", text) for name, text in NOTATION.items())),
         table(["option", "means"], _options(whole)),
         table(["environment", "means"], ((f"`{name}`", text) for name, text in commands.ENVIRONMENT.items())),
         table(["exit code", "means"], ((str(code), text) for code, text in codes.MEANING.items())),
@@ -169,7 +173,8 @@ def _options(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
         if action.choices:
             value = f" {'|'.join(map(str, action.choices))}"
         elif action.option_strings and action.nargs != 0:
-            value = f" {action.metavar or action.dest.upper()}"
+            parts = action.metavar if isinstance(action.metavar, tuple) else (action.metavar or action.dest.upper(),)
+            value = f" {' '.join(parts)}"
         yield f"`{f'{name}{value}'.strip()}`", str(action.help)
 
 

@@ -35,23 +35,31 @@ FORMATS: Final = (*APPROACH_FORMATS, "gpx", "ics")
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 # Options of several commands, for `add_options`: value, default, name of the value in help, help.
 _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
-    "--jobs": (count, None, "N", "threads (default: all)"),
-    "--lock-timeout": (duration_s, None, "DURATION", "wait no longer for locks (30s, 5m)"),
-    "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory limit (default {MEMORY_MB})"),
-    "--tz": (zone, None, "ZONE", "time zone of input and table, Europe/Copenhagen"),
-    "--wait": (duration_s, None, "DURATION", "wait for a worker, else exit with 7"),
+    "--jobs": (count, None, "N", "threads to compute with (default: one for each processor)"),
+    "--lock-timeout": (duration_s, None, "DURATION", "give up if another session holds a lock for longer"),
+    "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory to compute with, megabytes (default {MEMORY_MB})"),
+    "--tz": (zone, None, "ZONE", "time zone of times without offset and of the table, Europe/Copenhagen"),
+    "--wait": (duration_s, None, "DURATION", "wait so long for a worker to detect changes, else exit with 7"),
 }
 # Values of settings, and their names in help.
 _VALUES: Final[Mapping[SettingType, tuple[Callable[[str], Any], str]]] = {
-    SettingType.METRES: (metres, "M"),
+    SettingType.METRES: (metres, "DISTANCE"),
     SettingType.SECONDS: (seconds, "DURATION"),
     SettingType.DAYS: (days, "N"),
     SettingType.PLACE: (place, "LON,LAT"),
 }
 _FLAGS: Final = {
-    "--fail-on-conflict": "exit with 10 on conflicts",
-    "--no-region": "without regions",
-    "--require-current": "exit with 7 unless current",
+    "--fail-on-conflict": "exit with 10 if there are conflicts",
+    "--no-region": "leave out the regions where conflicts happen: quicker, smaller",
+    "--require-current": "exit with 7 if changes wait for a detection",
+}
+# What values look like, below the options of a command that takes them.
+NOTATION: Final = {
+    "DURATION": "30s, 5m, 1.5h, 1d, 1h7m or 1:07:24",
+    "DISTANCE": "metres, or with a unit: 500m, 2km, 0.5nmi, 300ft",
+    "HEIGHT": "metres above the scene's datum, negative below, or with a unit: -100m, 500ft",
+    "SPEED": "knots, or with a unit: 6m/s, 22km/h",
+    "TIME": "2026-06-01T09:00Z, or with another offset; without one where --tz gives the zone",
 }
 
 
@@ -116,10 +124,17 @@ class Parser(argparse.ArgumentParser):
                 rest = rest or one.help != argparse.SUPPRESS
         return [*found, "[OPTION…]"] if rest else found
 
+    def notation(self) -> str:
+        """Return what values of the shown options look like; may be empty."""
+        shown = [one for one in self._actions if one.help != argparse.SUPPRESS]
+        named = {name for one in shown for name in re.findall(r"[A-Z]+", f"{one.metavar} {one.help}")}
+        return ". ".join(f"{name}: {text}" for name, text in NOTATION.items() if name in named)
+
     def format_help(self) -> str:
         """Return the help, with the commands in their groups."""
         if not self.groups:
             self.usage = " ".join([self.prog, *self.words()]).replace("%", "%%")
+            self.epilog = self.notation()
             return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, [], [])
@@ -159,7 +174,7 @@ def command(commands: Any, word: str, target: str, summary: str, more: str = "")
 
 def add_scene(parser: Parser, more: str = "") -> None:
     """Add `--scene`, which every command may leave out."""
-    parser.add_argument("--scene", type=name, metavar="NAME", help=f"default: last used{more}")
+    parser.add_argument("--scene", type=name, metavar="NAME", help=f"scene (default: the last one used{more})")
     parser.set_defaults(needs_scene=True)
 
 
@@ -190,18 +205,27 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     def add(option: str, text: str, **more: Any) -> None:
         parser.add_argument(option, help=text if is_shown else argparse.SUPPRESS, **more)
 
-    add("--replace", "remove objects not in the files", action="store_true")
-    add("--layer", "layer, or schedule of a route; repeatable (default: all)", action="append", metavar="NAME")
-    add("--skip-invalid", "leave out refused objects (exit code 6)", action="store_true")
-    add("--haven", "of tracks, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
-    add("--time-zone", "of times without offset", type=zone, metavar="ZONE")
-    add("--departure", "of routes", type=instant, metavar="TIME")
-    add("--speed-kn", "of routes", type=speed_kn, metavar="KN")
-    add("--unbounded-heights", "of flight levels, AGL", action="store_true")
-    add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
-    add("--max-speed-kn", "limit (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
-    add("--max-gap", "positions (default 24)", type=hours, metavar="HOURS")
-    add("--max-file-mb", "limit (default 64; loaded in parts 4000)", type=megabytes, metavar="MB")
+    add("--replace", "remove objects of the scene that the files lack", action="store_true")
+    about = "layer to read, or schedule of a route; repeatable (default: all)"
+    add("--layer", about, action="append", metavar="NAME")
+    add("--skip-invalid", "leave out objects that are refused, and name them (exit code 6)", action="store_true")
+    about = (
+        "size of tracks whose file gives none: distances ahead, astern, to port, to starboard (500,200,0.1nmi,0.1nmi)"
+    )
+    add("--haven", about, type=haven, metavar="FORE,AFT,PORT,STARBOARD")
+    add("--time-zone", "time zone of times without offset, Europe/Copenhagen", type=zone, metavar="ZONE")
+    add("--departure", "departure of routes without times", type=instant, metavar="TIME")
+    add("--speed-kn", "speed of routes without speeds", type=speed_kn, metavar="SPEED")
+    about = "take flight levels and heights above ground as all heights (default: refuse them)"
+    add("--unbounded-heights", about, action="store_true")
+    about = "columns or properties of the file for fields, start=valid_from,end=valid_to"
+    add("--map", about, type=mapping, metavar="FIELD=COLUMN,…")
+    about = "refuse faster tracks, and leave out positions reached faster (default 2000, AIS 102.2)"
+    add("--max-speed-kn", about, type=speed_kn, metavar="SPEED")
+    about = "positions with a longer gap between them are two tracks (DURATION, or hours; default 24h)"
+    add("--max-gap", about, type=hours, metavar="DURATION")
+    about = "refuse larger files, megabytes unpacked (default 64; 4000 for scene files and GeoParquet)"
+    add("--max-file-mb", about, type=megabytes, metavar="MB")
 
 
 def resolve_times(args: argparse.Namespace, *names: str) -> None:
@@ -215,7 +239,9 @@ def resolve_times(args: argparse.Namespace, *names: str) -> None:
 
 def add_format(parser: Parser, *formats: str) -> None:
     """Add `--format`; the first is the default."""
-    parser.add_argument("--format", choices=formats, default=formats[0], help=f"default: {formats[0]}")
+    parser.add_argument(
+        "--format", choices=formats, default=formats[0], help=f"format to print (default: {formats[0]})"
+    )
 
 
 def check(args: argparse.Namespace, rules: Sequence[tuple[bool, str]]) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from math import ulp
@@ -17,6 +18,8 @@ MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
+_UNITS_M: Final = {"m": 1.0, "metres": 1.0, "km": 1000.0, "nmi": 1852.0, "ft": 0.3048}
+_UNITS_KN: Final = {"kn": 1.0, "m/s": 3600.0 / 1852.0, "km/h": 1000.0 / 1852.0}
 _UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
@@ -80,27 +83,31 @@ def place(text: str) -> tuple[float, float]:
 
 
 def metres(text: str) -> float:
-    """Return a length in metres, 0 or more."""
-    return _number(text, "a number of metres, 0 or more", least=0.0)
+    """Return a distance in metres, 0 or more, of ``500``, ``500m``, ``2km``, ``0.5nmi`` or ``300ft``."""
+    rule = "a distance, 0 or more, in metres or with a unit, such as 500, 2km, 0.5nmi or 300ft"
+    return _in_unit(text, _UNITS_M, rule, least=0.0)
 
 
 def haven(text: str) -> dict[str, float]:
     """Return how far a haven reaches, metres, of ``500,200,150,150``: fore, aft, port, starboard."""
     parts = text.split(",")
     if len(parts) != 4:
-        raise argparse.ArgumentTypeError(f"must be FORE,AFT,PORT,STARBOARD in metres; got {text!r}")
+        raise argparse.ArgumentTypeError(f"must be FORE,AFT,PORT,STARBOARD, four distances; got {text!r}")
     sides = ("fore_m", "aft_m", "port_m", "starboard_m")
     return {side: metres(part) for side, part in zip(sides, parts, strict=True)}
 
 
 def speed_kn(text: str) -> float:
-    """Return a speed in knots, more than 0."""
-    return _number(text, "a speed in knots, more than 0", least=ulp(0.0))
+    """Return a speed in knots, more than 0, of ``12``, ``12kn``, ``6m/s`` or ``22km/h``."""
+    rule = "a speed, more than 0, in knots or with a unit, such as 12, 6m/s or 22km/h"
+    return _in_unit(text, _UNITS_KN, rule, least=ulp(0.0))
 
 
 def hours(text: str) -> float:
-    """Return a number of hours, more than 0."""
-    return _number(text, "a number of hours, more than 0", least=ulp(0.0))
+    """Return hours, more than 0, of a number of hours or a duration."""
+    if _duration_s(text.strip()) is not None:
+        return duration_s(text) / 3600.0
+    return _number(text, "a duration such as 90m or 6h, or a number of hours, more than 0", least=ulp(0.0))
 
 
 def megabytes(text: str) -> float:
@@ -268,14 +275,28 @@ def columns(text: str) -> frozenset[str]:
 
 
 def height(text: str) -> float:
-    """Return a height in metres, negative below the sea."""
-    return _number(text, "a number of metres", least=-float_info.max)
+    """Return a height in metres, negative below the sea, of ``-100``, ``-100m`` or ``500ft``."""
+    rule = "a height in metres or with a unit, such as -100, 2km or 500ft"
+    return _in_unit(text, _UNITS_M, rule, least=-float_info.max)
 
 
 def _whole(text: str, rule: str, least: int, most: int) -> int:
     if not re.fullmatch(r"\d{1,18}", text) or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"must be a whole number, {rule}; got {text!r}")
     return int(text)
+
+
+def _in_unit(text: str, units: Mapping[str, float], rule: str, least: float) -> float:
+    """Return a number in the first of the units; one without a unit is in that."""
+    number, unit = text.strip(), next(iter(units))
+    for one in sorted(units, key=len, reverse=True):
+        if number.endswith(one) and number != one:
+            number, unit = number.removesuffix(one).strip(), one
+            break
+    try:
+        return _number(number, rule, least, float_info.max / max(units[unit], 1.0)) * units[unit]
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"must be {rule}; got {text!r}") from None
 
 
 def _number(text: str, rule: str, least: float, most: float = float_info.max) -> float:

@@ -135,7 +135,7 @@ SETTINGS: Final = (
         SettingType.CHOICE,
         "Shape of tracks and edges between their points: rhumb or great_circle.",
         Motion.RHUMB,
-        "default: rhumb",
+        "shape of tracks between waypoints (default: rhumb)",
         choices=Motion,
     ),
     Setting(
@@ -143,7 +143,7 @@ SETTINGS: Final = (
         SettingType.CHOICE,
         "Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).",
         None,
-        "default: wgs84; great circles: sphere",
+        "figure of the earth (default: wgs84; for great circles sphere)",
         choices=EarthModel,
     ),
     Setting(
@@ -152,7 +152,7 @@ SETTINGS: Final = (
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
-        "last stage",
+        "screen: who might meet; exact: certified times; nlp: by the published program (default: exact)",
         choices=Method,
         is_stored_by_detect=True,
     ),
@@ -161,7 +161,7 @@ SETTINGS: Final = (
         SettingType.METRES,
         "Tolerance, metres: pairs whose clearance is within it may be reported as grazing.",
         1.0,
-        "too close to call",
+        "clearance within which a pair is too close to call, and may be grazing (default: 1 m)",
         label="Tolerance",
         says="{:g} m: closer to touching than that is too close to call",
         is_stored_by_detect=True,
@@ -171,7 +171,7 @@ SETTINGS: Final = (
         SettingType.METRES,
         "Required separation between polygons, metres; 0: they conflict if they touch.",
         0.0,
-        "separation",
+        "required separation of polygons (default: 0: they touch)",
         label="Separation wanted",
         says_zero="none: they must touch",
         is_stored_by_detect=True,
@@ -182,7 +182,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "near pairs",
+        "also store pairs without conflict that come within this (default: 0: none)",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -193,7 +193,7 @@ SETTINGS: Final = (
         SettingType.PLACE,
         "great_circle: the centre, degrees; all objects lie within 60 degrees of it.",
         None,
-        "default: the middle",
+        "centre of a scene of great circles (default: the middle)",
     ),
     Setting(
         "vertical_separation_m",
@@ -201,7 +201,7 @@ SETTINGS: Final = (
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
-        "vertical",
+        "required vertical separation (default: 0: height bands overlap)",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,
@@ -212,7 +212,7 @@ SETTINGS: Final = (
         "Required separation in time, whole microseconds in seconds: two objects conflict if they use one place "
         "within so many seconds; 0: at the same time.",
         0.0,
-        "time apart",
+        "required time between two uses of a place (default: 0: at the same time)",
         label="Separation in time wanted",
         says="{:g} s between two uses of a place",
         says_zero="none: only the same time counts",
@@ -223,7 +223,7 @@ SETTINGS: Final = (
         SettingType.SECONDS,
         "Detections store which delays of each track, up to this many seconds either way, are in conflict; 0: none.",
         0.0,
-        "store delays",
+        "store which delays of each track, up to this, are in conflict (default: 0: none)",
         is_stored_by_detect=True,
         decides_conflicts=False,
     ),
@@ -233,7 +233,7 @@ SETTINGS: Final = (
         "Whether spans and height bands contain their upper ends: half_open (they do not) or closed (they do, as "
         "volumes of ASTM F3548).",
         Intervals.HALF_OPEN,
-        "closed ends",
+        "whether spans and height bands contain their upper ends (default: half_open)",
         choices=Intervals,
     ),
     Setting(
@@ -241,7 +241,7 @@ SETTINGS: Final = (
         SettingType.DAYS,
         "How many days ahead of today schedules are expanded; they are over all voyages, too.",
         366.0,
-        "horizon",
+        "days ahead that schedules are expanded for (default: 366)",
         is_stored_by_detect=True,
         decides_conflicts=False,
     ),
@@ -251,7 +251,7 @@ SETTINGS: Final = (
         "What heights are above: msl (mean sea level), wgs84 (the ellipsoid) or flight_level (the surface of 1013.25 "
         "hPa, in metres of the standard atmosphere).",
         VerticalDatum.MSL,
-        "heights above",
+        "what heights are above (default: msl)",
         choices=VerticalDatum,
         decides_conflicts=False,
     ),

@@ -4,10 +4,11 @@ import argparse
 import inspect
 import shlex
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 from patience import WAIT_S
@@ -15,7 +16,7 @@ from patience import WAIT_S
 from conflictdb.cli import codes, main
 from conflictdb.cli.commands import ENVIRONMENT, GROUPS, build
 from conflictdb.cli.parser import _OF_ALL_COMMANDS
-from conflictdb.cli.values import count, delay_s, duration_s, instant, mapping, metres, speed_kn
+from conflictdb.cli.values import count, delay_s, duration_s, haven, height, hours, instant, mapping, metres, speed_kn
 from conflictdb.model.methods import Method
 
 
@@ -94,6 +95,46 @@ def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: py
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("value", "text", "expected"),
+    [
+        (metres, "500", 500.0),
+        (metres, "500 m", 500.0),
+        (metres, "2km", 2000.0),
+        (metres, "0.5nmi", 926.0),
+        (metres, "100ft", 30.48),
+        (height, "-100", -100.0),
+        (height, "-500ft", -152.4),
+        (speed_kn, "12kn", 12.0),
+        (speed_kn, "18.52km/h", 10.0),
+        (speed_kn, "0.5m/s", 1800.0 / 1852.0),
+        (hours, "6", 6.0),
+        (hours, "90m", 1.5),
+        (haven, "500,200m,0.1nmi,1km", {"fore_m": 500.0, "aft_m": 200.0, "port_m": 185.2, "starboard_m": 1000.0}),
+    ],
+)
+def test_distances_heights_and_speeds_take_units(value: Callable[[str], Any], text: str, expected: object) -> None:
+    """Without a unit they are in that of the option's name."""
+    assert value(text) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *(
+            (metres, text)
+            for text in ("", "m", "nmi", "-1", "-1km", "5 yd", "nan", "nanm", "infkm", "1e308km", "5 m m")
+        ),
+        *((speed_kn, text) for text in ("0", "0m/s", "kn", "12mph", "nankn")),
+        *((height, text) for text in ("deep", "m", "nan ft")),
+        *((hours, text) for text in ("0", "0m", "-1", "soon")),
+    ],
+)
+def test_values_without_a_meaning_are_refused(value: Callable[[str], Any], text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=r"must be a .*; got"):
+        value(text)
+
+
 def test_options_of_all_commands_are_those_of_the_program() -> None:
     assert set(_OF_ALL_COMMANDS) == set(build()._option_string_actions) - {"-h", "--help"}
 
@@ -121,9 +162,16 @@ def test_the_help_has_each_command_once_in_a_group_and_fits_a_screen(monkeypatch
 
 
 def test_all_help_together_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was 4,041 words, which repeated each other; now it is little more than half of that."""
+    """Options are explained in some words each, and what several have in one place."""
     monkeypatch.setenv("COLUMNS", "100")
-    assert sum(len(one.format_help().split()) for one in ALL.values()) <= 2400
+    assert sum(len(one.format_help().split()) for one in ALL.values()) <= 4000
+    short = {
+        f"{path} {one.option_strings}"
+        for path, parser in ALL.items()
+        for one in parser._actions
+        if one.option_strings and one.help != argparse.SUPPRESS and len(str(one.help).split()) < 3
+    }
+    assert not short, "an option needs at least three words to say what it means"
 
 
 def completed(shell_words: Sequence[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:

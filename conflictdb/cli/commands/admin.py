@@ -17,21 +17,30 @@ def add(commands: Any) -> None:
 
     about = "write the files of the extension conflictdb for a server"
     parser = command(below, "extension", "administration:extension", about)
-    about = "default: that of the server of --pg-config"
+    about = "directory to write to (default: that of the server of --pg-config)"
     parser.add_argument("directory", nargs="?", type=Path, metavar="DIRECTORY", help=about)
-    parser.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="default: the one on PATH")
+    parser.add_argument(
+        "--pg-config", metavar="PROGRAM", default="pg_config", help="pg_config of the server (default: the one on PATH)"
+    )
 
     about = "print separation rules, or change one"
     parser = command(below, "rules", "administration:rules", about)
-    parser.add_argument("sides", nargs="*", metavar="SIDE", help="two of: a class, area, track, any")
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
-    parser.add_argument("--set", type=mapping, metavar="NAME=VALUE,…", help="as in scene files")
-    parser.add_argument("--remove", action="store_true", help="remove it")
+    parser.add_argument(
+        "sides", nargs="*", metavar="SIDE", help="the two sides of a rule, each a class, area, track or any"
+    )
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="name of the scene")
+    parser.add_argument(
+        "--set",
+        type=mapping,
+        metavar="NAME=VALUE,…",
+        help="what the rule says, named as in scene files: separation_m=500",
+    )
+    parser.add_argument("--remove", action="store_true", help="remove the rule")
 
     parser = command(
         below, "certify", "certifying_scenes:certify", "print a proof of what was found", "For check_proof.py."
     )
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="name of the scene")
     add_options(parser, "--jobs")
 
     _add_tables(below)
@@ -53,23 +62,27 @@ def _add_tables(commands: Any) -> None:
     parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="area or track")
     _add_table(parser)
     _add_map(parser, is_required=True)
-    parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
-    parser.add_argument("--again", action="store_true", help="although the scene has the table")
+    parser.add_argument(
+        "--every", type=duration_s, metavar="DURATION", help="compare the table so often, instead of by triggers"
+    )
+    parser.add_argument("--again", action="store_true", help="attach it although the scene has the table")
 
     about = "change the map or name of an attached table"
     parser = command(commands, "reattach", "administration:reattach", about, "Objects and conflicts stay.")
     _add_table(parser)
     parser.add_argument("--to", type=name, metavar="TABLE", help="another table (default: the same)")
     _add_map(parser, is_required=False)
-    parser.add_argument("--without", action="append", default=[], metavar="FIELD", help="leave out of the map")
-    parser.add_argument("--every", type=seconds, metavar="DURATION", help="compare so often; 0: triggers")
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="FIELD", help="leave this field out of the map; repeatable"
+    )
+    parser.add_argument("--every", type=seconds, metavar="DURATION", help="compare the table so often; 0: by triggers")
 
     parser = command(commands, "detach", "administration:detach", "detach a table, and remove its objects")
     _add_table(parser)
-    parser.add_argument("--keep", action="store_true", help="keep its objects")
+    parser.add_argument("--keep", action="store_true", help="keep its objects in the scene")
 
     parser = command(commands, "attachments", "administration:attachments", "show attached tables and rows left out")
-    parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
+    parser.add_argument("--scene", type=name, metavar="NAME", help="only those of this scene")
 
 
 def _add_map(parser: Parser, *, is_required: bool) -> None:
@@ -82,7 +95,7 @@ def _add_map(parser: Parser, *, is_required: bool) -> None:
 
 
 def _add_table(parser: Parser) -> None:
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="name of the scene")
     parser.add_argument("--table", required=True, type=name, metavar="TABLE", help="table or view, SCHEMA.TABLE")
 
 
@@ -90,8 +103,8 @@ def _add_rights(commands: Any) -> None:
     about = "share a scene, or give it away"
     parser = command(commands, "share", "administration:share", about, "For the scene's owner.")
     parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
-    about = "default: read; own: make it the owner"
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="name of the scene")
+    about = "what ROLE may do; own: make it the owner (default: read)"
     parser.add_argument("--access", choices=("read", "write", "own", "none"), help=about)
 
     about = "show scenes to their owners and shares only"

@@ -17,11 +17,13 @@ def add(commands: Any) -> None:
     more = "Run any number, on any machine."
     parser = command(commands, "worker", "worker_commands:work", "keep all scenes current", more)
     parser.add_argument("--once", action="store_true", help="detect pending changes and end; exit with 1 on failure")
-    parser.add_argument("--every", type=duration_s, metavar="DURATION", help="longest pause (default 60s)")
-    parser.add_argument("--log", choices=("text", "json"), default="text", help="default: text")
-    parser.add_argument("--http", type=address, metavar="[HOST:]PORT", help="serve /healthz and /metrics")
+    parser.add_argument(
+        "--every", type=duration_s, metavar="DURATION", help="longest pause between looks at the database (default 60s)"
+    )
+    parser.add_argument("--log", choices=("text", "json"), default="text", help="form of log lines (default: text)")
+    parser.add_argument("--http", type=address, metavar="[HOST:]PORT", help="serve /healthz and /metrics over HTTP")
     add_options(parser, "--jobs", "--memory-mb")
-    about = "wait no longer for another detection"
+    about = "give up if another detection holds a scene for longer"
     parser.add_argument("--lock-timeout", type=duration_s, metavar="DURATION", help=about)
 
     parser = command(commands, "server", "embedded:server", "start, stop or show the embedded database")
@@ -29,8 +31,8 @@ def add(commands: Any) -> None:
     parser.add_argument("action", choices=("start", "stop", "status", "dsn"), metavar="ACTION", help=about)
 
     parser = command(commands, "psql", "embedded:psql", "open the database in psql")
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="passed to psql")
+    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="arguments and options of psql")
     parser.hands_on = True
 
     parser = command(commands, "completion", "completion:completion", "print a completion script")
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="shell to print it for")
