@@ -46,16 +46,15 @@ class Known:
 
 @cache
 def meridian_m(earth: EarthModel, lat_deg: float) -> float:
-    """Metres along the meridian from the equator, by quadrature in 30 digits."""
+    """Metres along the meridian from the equator, by the elliptic integral in 30 digits."""
     # Benchmarks use these scenes without the developers' tools.
-    from mpmath import mp, mpf, quad
-    from mpmath import sin as mp_sin
+    from mpmath import ellipe, mp, mpf
 
     with mp.workdps(30):
         f, a = mpf(FLATTENING[earth]), mpf(RADIUS_M[earth])
         e2 = f * (2 - f)
         lat = mp.radians(mpf(lat_deg))
-        return float(quad(lambda p: a * (1 - e2) / (1 - e2 * mp_sin(p) ** 2) ** mpf(1.5), [0, lat]))
+        return float(a * (ellipe(lat, e2) - e2 * mp.sin(lat) * mp.cos(lat) / mp.sqrt(1 - e2 * mp.sin(lat) ** 2)))
 
 
 def parallel_m(earth: EarthModel, lat_deg: float) -> float:

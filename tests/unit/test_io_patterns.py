@@ -55,6 +55,8 @@ def patterns() -> dict[str, tuple[re.Pattern[str], str]]:
 
 def written_in_place(source: str) -> Iterator[tuple[str, re.Pattern[str]]]:
     """Each pattern that a call such as re.sub contains, with the method."""
+    if not re.search(rf"\bre\.({'|'.join((*_SCANS, 'match', 'fullmatch'))})\(", source):
+        return
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue
