@@ -6,12 +6,15 @@ Compiles by the pinned compiler of conflictdb/kernel/requirements.txt, which is 
 after.
 """
 
+import importlib.util
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from conflictdb.kernel import build
 
@@ -38,15 +41,29 @@ TARGETS = (
 )
 
 
-def build_wheel(compiler: list[str], target: Target, directory: Path) -> None:
-    """Build the wheel for a target into a directory, by zig's C compiler."""
+def build_wheel(
+    compiler: list[str], target: Target, directory: Path, tree: Path = ROOT, environ: Mapping[str, str] = os.environ
+) -> None:
+    """Build the wheel of a tree for a target into a directory, by zig's C compiler."""
     with tempfile.TemporaryDirectory() as made_in:
         library = Path(made_in) / build.LIBRARY
-        build.compile_with(compiler, library, "-target", target.compiler, "-mcpu=baseline", "-s", platform=target.uname)
+        of_tree = kernel_build_of(tree)
+        flags = ("-target", target.compiler, "-mcpu=baseline", "-s")
+        of_tree.compile_with(compiler, library, *flags, platform=target.uname)
         # As hatch_build.py takes them.
         given = {"CONFLICTDB_WHEEL_LIBRARY": str(library), "CONFLICTDB_WHEEL_PLATFORM": target.wheel}
         command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
-        subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, **given})
+        subprocess.run(command, check=True, cwd=tree, env={**environ, **given})
+
+
+def kernel_build_of(tree: Path) -> ModuleType:
+    """Return conflictdb/kernel/build.py of a tree, which is not the one that is installed."""
+    spec = importlib.util.spec_from_file_location("build_of_tree", tree / "conflictdb/kernel/build.py")
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{tree}: no conflictdb/kernel/build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def main() -> int:

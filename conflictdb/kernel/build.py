@@ -1,14 +1,16 @@
 """Build the kernel: one shared library of all C files here, beside them.
 
     python conflictdb/kernel/build.py
+    python conflictdb/kernel/build.py PREFIX     # the kernel alone, for C: PREFIX/lib, PREFIX/include/conflictdb
 
 Uses the C compiler `cc`. Without one, or if it lacks the C library's headers, fetches the compiler of the PyPI package
 `ziglang` into a temporary environment. Imports nothing of the package, so that it runs before anything is installed.
-Does nothing if the library is up to date.
+Does nothing if the library is up to date. Two builds by one compiler are equal to the bit, wherever the sources are.
 """
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,7 +21,16 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 # No floating-point operation may be fused or reordered: the proofs rely on infinities, NaN and the last digit.
-FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", f"-I{HERE}")
+FLAGS = (
+    "-std=c11",
+    "-O2",
+    "-ffp-contract=off",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    f"-I{HERE}",
+    f"-ffile-prefix-map={HERE}=.",
+)
 # Link-time optimization, as compilers spell it: a kernel call takes 10 to 20 % less, and no answer changes.
 LINK_TIME = ("-flto=auto", "-flto")
 # Only functions marked KERNEL_API are exported (kernel.h).
@@ -28,6 +39,15 @@ SHARED = ("-shared", "-fPIC", "-lm")
 LIBRARY = "libkernel.so"
 # The oldest processors of a machine's family, by `uname -m`; for other machines the default of `cc`.
 BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-march=armv8-a"}
+# What pkg-config is told of the kernel alone.
+PKG_CONFIG = """\
+prefix={prefix}
+Name: conflictdb-kernel
+Description: Contacts, distances and candidate pairs of moving convex polygons, proven
+Version: {abi}
+Cflags: -I${{prefix}}/include
+Libs: -L${{prefix}}/lib -lconflictdb-kernel -lm
+"""
 
 
 def sources() -> list[Path]:
@@ -82,15 +102,42 @@ def build() -> Path:
     if is_current():
         return library()
     with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
-        made = Path(directory) / LIBRARY
+        made, is_mac = Path(directory) / LIBRARY, os.uname().sysname == "Darwin"
+        named = f"-Wl,-install_name,@rpath/{name_alone()}" if is_mac else f"-Wl,-soname,{name_alone()}"
         if shutil.which("cc") and _links(["cc"]):
-            compile_with(["cc"], made, *filter(None, [BASELINE.get(os.uname().machine)]))
+            compile_with(["cc"], made, *filter(None, [BASELINE.get(os.uname().machine)]), named)
         else:
             sys.stderr.write("kernel: no C compiler (cc) that works here, fetching one from PyPI (100 MB)\n")
             with zig() as compiler:
-                compile_with(compiler, made, "-mcpu=baseline")
+                compile_with(compiler, made, "-mcpu=baseline", named)
         made.replace(library())
     return library()
+
+
+def abi() -> str:
+    """Return the number of the interface, KERNEL_ABI."""
+    [found] = re.findall(r"^#define KERNEL_ABI (\d+)", (HERE / "kernel.h").read_text(), re.MULTILINE)
+    return str(found)
+
+
+def name_alone() -> str:
+    """Return the file name of the library alone; a program that was linked with another ABI does not start with it."""
+    return (
+        f"libconflictdb-kernel.{abi()}.dylib" if os.uname().sysname == "Darwin" else f"libconflictdb-kernel.so.{abi()}"
+    )
+
+
+def install(prefix: Path) -> None:
+    """Install the kernel alone below a directory: library, header, and what pkg-config says of them."""
+    built = build()
+    for folder in ("lib/pkgconfig", "include/conflictdb"):
+        (prefix / folder).mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(built, prefix / "lib" / name_alone())
+    link = prefix / "lib" / name_alone().replace(f".{abi()}", "")
+    link.unlink(missing_ok=True)
+    link.symlink_to(name_alone())
+    shutil.copyfile(HERE / "kernel.h", prefix / "include/conflictdb/kernel.h")
+    (prefix / "lib/pkgconfig/conflictdb-kernel.pc").write_text(PKG_CONFIG.format(prefix=prefix, abi=abi()))
 
 
 def _links(command: list[str]) -> bool:
@@ -123,9 +170,15 @@ def zig() -> Iterator[list[str]]:
 
 
 def main() -> int:
-    """Build; print in one line what to do if that fails."""
+    """Build, or install the kernel alone; print in one line what to do if that fails."""
+    if len(sys.argv) > 2 or sys.argv[1:2] in (["-h"], ["--help"]):
+        sys.stderr.write("kernel: give nothing, or the directory to install the kernel alone into\n")
+        return 2
     try:
-        build()
+        if sys.argv[1:]:
+            install(Path(sys.argv[1]).resolve())
+        else:
+            build()
     except subprocess.CalledProcessError as error:
         sys.stderr.write(
             f"kernel: cannot be built, for `{Path(error.cmd[0]).name}` failed (see above): install a C compiler (on "
