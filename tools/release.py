@@ -37,7 +37,7 @@ def version() -> str:
 
 def notes(changelog: str, of: str) -> tuple[str, str]:
     """Return the date of a version, or `unreleased`, and its section of the changelog."""
-    found = re.search(rf"^## {re.escape(of)} \((.*)\)\n(.*?)(?=^## |\Z)", changelog, re.DOTALL | re.MULTILINE)
+    found = re.search(rf"^## {re.escape(of)} \(([^)]*)\)\n(.*?)(?=^## |\Z)", changelog, re.DOTALL | re.MULTILINE)
     if found is None:
         raise Refused(f"CHANGELOG.md has no section {of}: add `## {of} (DATE)`")
     return found[1], found[2].strip() + "\n"
