@@ -1,0 +1,240 @@
+"""The tasks of a planner's morning: each is one or few commands, with the right answer.
+
+The plans are in `tasks/`: a morning in the Skagerrak, 1 December 2026. Times of `DAY` were compared with samples of the
+motion, every 2 s, by separate formulas.
+"""
+
+import json
+import re
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import Outcome, Run
+
+TASKS = Path(__file__).with_name("tasks")
+# A route of an ECDIS, which has no size, and an area that is closed on Tuesdays.
+TUESDAY = (TASKS / "firing.geojson", TASKS / "ferry.rtz", "--scene", "tuesday", "--haven", "150,50,20,20")
+# The conflicts of day.geojson: from, to, to the second, outward.
+DAY = {
+    ("SURVEY-7", "SUB EAST"): ("06:01:00", "07:35:37"),
+    ("SURVEY-7", "TANKER"): ("06:28:54", "06:53:39"),
+    ("EK D 382", "FERRY NORTH"): ("07:17:49", "08:06:39"),
+    ("SURVEY-7", "FERRY SOUTH"): ("07:26:28", "07:40:41"),
+    ("EK D 382", "TANKER"): ("08:18:29", "09:24:44"),
+    ("FERRY NORTH", "FERRY SOUTH"): ("08:19:32", "08:21:53"),
+    ("EK D 382", "FERRY SOUTH"): ("08:34:47", "09:23:37"),
+}
+
+
+def times(found: Outcome) -> dict[tuple[str, str], tuple[str, str]]:
+    """Return from when to when pairs conflict, outward to the second, as JSON has them."""
+    assert found.code == 0, found.err
+    return {(row["a_key"], row["b_key"]): outward(row) for row in found.json}
+
+
+def outward(row: dict[str, Any]) -> tuple[str, str]:
+    first, last = (datetime.fromisoformat(row[name]) for name in ("first_contact", "last_contact"))
+    last += timedelta(seconds=1, microseconds=-1)
+    return f"{first:%H:%M:%S}", f"{last:%H:%M:%S}"
+
+
+def rewritten(path: Path, **changes: dict[str, Any]) -> Path:
+    """Write day.geojson with other properties of some objects."""
+    scene = json.loads((TASKS / "day.geojson").read_text())
+    for feature in scene["features"]:
+        feature["properties"] |= changes.get(feature["id"].replace(" ", "_"), {})
+    path.write_text(json.dumps(scene))
+    return path
+
+
+@pytest.fixture
+def day(run: Run) -> Run:
+    """Run commands on the scene of day.geojson, detected."""
+    assert times(run("detect", TASKS / "day.geojson", "--format", "json")) == DAY
+    return run
+
+
+def test_1_a_route_and_a_weekly_firing_area(run: Run) -> None:
+    """Next Tuesday they meet, whatever the ferry's tolerances allow."""
+    found = run("detect", *TUESDAY, "--format", "json")
+    [(pair, when)] = times(found).items()
+    assert pair[0] == "EK D 382"
+    assert when == ("12:32:33", "13:20:34")
+    assert found.json[0]["certainty"] == "must"
+
+
+def test_2_what_changes_if_the_ferry_is_late(day: Run) -> None:
+    """Two conflicts move, and nothing is stored."""
+    changed = day("probe", "--late", "FERRY NORTH", "20m", "--diff", "--format", "json")
+    assert {row["change"] for row in changed.json} == {"changed"}
+    assert times(changed) == {
+        ("EK D 382", "FERRY NORTH"): ("07:37:49", "08:26:39"),
+        ("FERRY NORTH", "FERRY SOUTH"): ("08:29:32", "08:31:53"),
+    }
+    assert times(day("conflicts", "--format", "json")) == DAY
+
+
+def test_4_a_lane_with_a_separation_and_a_submarine_below(run: Run) -> None:
+    found = run("detect", TASKS / "lane2.geojson", "--format", "json")
+    assert list(times(found)) == [("SHIP-2", "SHIP-3")]
+
+
+def test_5_plans_of_one_owner_are_not_compared(run: Run, tmp_path: Path) -> None:
+    """`explain` gives the reason; an area of the other agency is compared."""
+    owned = {"FERRY_NORTH": {"owner": "A"}, "EK_D_382": {"owner": "A"}, "FERRY_SOUTH": {"owner": "B"}}
+    file = rewritten(tmp_path / "owned.geojson", **owned)
+    assert set(times(run("detect", file, "--format", "json"))) == set(DAY) - {("EK D 382", "FERRY NORTH")}
+    assert "owner" in run("explain", "EK D 382", "FERRY NORTH").out
+
+
+def test_6_a_notam_from_text(run: Run) -> None:
+    """Each day from 07 to 15, from 1 to 4 December, from the surface to 5,000 ft."""
+    assert run("load", TASKS / "notam.txt", "--scene", "notam").code == 0
+    [area] = run("objects", "--scene", "notam", "--format", "json").json
+    assert (area["start_at"][:16], area["end_at"][:16]) == ("2026-12-01T07:00", "2026-12-04T15:00")
+    assert area["ceiling_m"] == pytest.approx(1524.0)
+    for hour, is_active in (("06:59", False), ("07:01", True), ("14:59", True), ("15:01", False)):
+        for date in range(1, 5):
+            at = f"2026-12-0{date}T{hour}Z"
+            path = "LINESTRING(9 57.9, 9.1 57.9)"
+            later = f"{(datetime.fromisoformat(at) + timedelta(seconds=30)).isoformat()}"
+            found = run("probe", "--scene", "notam", "--path", path, "--times", f"{at},{later}", "--format", "json")
+            assert bool(found.json) == is_active, at
+
+
+def test_7_who_acknowledged_what_and_why(day: Run) -> None:
+    assert day("acknowledge", "FERRY SOUTH", "FERRY NORTH", "--reason", "they see each other", "--by", "Anna").code == 0
+    [known] = day("conflicts", "--acknowledged", "yes", "--format", "json").json
+    assert (known["a_key"], known["b_key"]) == ("FERRY NORTH", "FERRY SOUTH")
+    assert known["acknowledged_for"] == "they see each other"
+    assert "Anna" in known["acknowledged_by"]
+    assert "they see each other" in day("conflicts", "--show", "acknowledged").out
+    assert len(day("conflicts", "--acknowledged", "no", "--format", "json").json) == 6
+
+
+def test_9_conflicts_as_a_calendar(run: Run) -> None:
+    """For a program of calendars, in UTC."""
+    run("load", *TUESDAY)
+    done = run("detect", "--scene", "tuesday", "--format", "ics")
+    assert done.code == 0, done.err
+    assert re.findall(r"^DT(?:START|END)[:;].*?(\d{8}T\d{6}Z)", done.out, re.MULTILINE) == [
+        "20261201T123233Z",
+        "20261201T132034Z",
+    ]
+
+
+def test_10_meeting_places_for_a_plotter(day: Run) -> None:
+    done = day("conflicts", "--format", "gpx")
+    assert done.code == 0, done.err
+    assert done.out.count("<wpt ") == len(DAY)
+
+
+def test_11_the_first_free_departure(day: Run) -> None:
+    """Without a margin it is 10:42:26, planned at 06:00."""
+    [free] = day("delays", "FERRY NORTH", "--within", "6h", "--format", "json").json
+    assert free["least_later_s"] == pytest.approx(4 * 3600 + 42 * 60 + 25.784, abs=1e-3)
+
+
+def test_12_two_ferries_exchange_their_times(day: Run, tmp_path: Path) -> None:
+    """By one command, with the answer of a detection of the changed file."""
+    late = ("--late", "FERRY NORTH", "1h", "--late", "FERRY SOUTH", "-1h")
+    probed = times(day("probe", *late, "--format", "json"))
+    starts = {"FERRY_NORTH": {"start": "2026-12-01T07:00:00Z"}, "FERRY_SOUTH": {"start": "2026-12-01T06:00:00Z"}}
+    file = rewritten(tmp_path / "exchanged.geojson", **starts)
+    detected = times(day("detect", file, "--scene", "exchanged", "--format", "json"))
+    of_ferries = {pair: when for pair, when in detected.items() if any(key.startswith("FERRY") for key in pair)}
+    assert probed == of_ferries
+    assert probed != {pair: DAY.get(pair) for pair in probed}
+
+
+def test_13_what_changed_since_yesterday(day: Run, tmp_path: Path) -> None:
+    """What is gone is listed, too."""
+    before = day("history", "--format", "json").json[-1]["event"]
+    file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
+    day("detect", file)
+    day("delete", "SURVEY-7")
+    day("detect")
+    events = day("history", "--after", str(before), "--format", "json").json
+    assert sorted(one["kind"] for one in events) == ["changed"] * 2 + ["closed"] * 3
+    assert len(day("history", "--since", "24h", "--format", "json").json) == len(events) + 7
+    told = day("conflicts", "--since", "24h").out
+    assert "SUB EAST" in told, "a conflict that is gone"
+
+
+def test_14_and_15_clear_the_scene_and_undo_it(day: Run) -> None:
+    """After the proposal nothing conflicts; after its undoing the same conflicts are there, to the second."""
+    proposed = day("resolve", "--within", "12h", "--limit", "10m", "--format", "json")
+    assert proposed.code == 0, proposed.err
+    number = str(proposed.json["proposal_id"])
+    left = {one["key"] for one in proposed.json["left"]}
+    assert day("apply", number).code == 0
+    after = times(day("detect", "--format", "json"))
+    assert all(left & set(pair) for pair in after), "only tracks that nothing helps still conflict"
+    assert day("apply", number, "--undo").code == 0
+    assert times(day("detect", "--format", "json")) == DAY
+
+
+def test_16_try_a_change_in_a_branch_compare_and_merge(day: Run, tmp_path: Path) -> None:
+    assert day("branch", "create", "trial", "--scene", "skagerrak").code == 0
+    file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
+    assert day("load", file, "--scene", "trial").code == 0
+    assert day("detect", "--scene", "trial").code == 0
+    told = day("branch", "diff", "trial", "--format", "json").json
+    assert [one["key"] for one in told["objects"]] == ["FERRY NORTH"]
+    assert {(one["a_key"], one["b_key"]) for one in told["conflicts"]} == {
+        ("EK D 382", "FERRY NORTH"),
+        ("FERRY NORTH", "FERRY SOUTH"),
+    }
+    assert day("branch", "merge", "trial").code == 0
+    merged = times(day("detect", "--scene", "skagerrak", "--format", "json"))
+    assert merged["FERRY NORTH", "FERRY SOUTH"] == ("08:29:32", "08:31:53")
+
+
+def test_17_a_missing_time_is_refused(run: Run, tmp_path: Path) -> None:
+    """In one line that names the object and what it lacks; nothing is stored."""
+    scene = json.loads((TASKS / "day.geojson").read_text())
+    del scene["features"][2]["properties"]["start"]
+    (tmp_path / "mistake.geojson").write_text(json.dumps(scene))
+    done = run("load", tmp_path / "mistake.geojson")
+    assert done.code == 4
+    [line] = done.err.strip().splitlines()
+    assert "FERRY NORTH" in line
+    assert "start" in line
+    assert "no scenes" in run("scenes").out
+
+
+def test_18_which_vessels_pass_through_closed_boxes(run: Run, tmp_path: Path) -> None:
+    """From AIS positions; a vessel without a size takes --haven."""
+    rows = ["mmsi,time,lon,lat,length,width"]
+    for minute in range(0, 31, 5):
+        rows += [
+            f"1,2022-11-01T09:{minute + 25:02d}:00Z,{6.4 + 0.01 * minute},55.5,100,20",  # into BOX
+            f"2,2022-11-01T09:{minute + 25:02d}:00Z,{7.4 + 0.01 * minute},56.9,,",  # into BOX2, without a size
+            f"3,2022-11-01T09:{minute + 25:02d}:00Z,{6.4 + 0.01 * minute},54.0,100,20",  # south of both
+        ]
+    (tmp_path / "ais.csv").write_text("\n".join(rows) + "\n")
+    files = (TASKS / "boxes.geojson", tmp_path / "ais.csv", "--scene", "ais")
+    found = run("detect", *files, "--haven", "50m,50m,0.01nmi,0.01nmi", "--format", "json")
+    assert set(times(found)) == {("BOX", "1"), ("BOX2", "2")}
+
+
+def test_19_what_cannot_be_loaded_is_counted_by_reason(run: Run, tmp_path: Path) -> None:
+    """Many objects with one mistake are one line, not one line each."""
+    square = [[8.0, 57.0], [8.1, 57.0], [8.1, 57.1], [8.0, 57.1], [8.0, 57.0]]
+    crossed = [[8.0, 57.0], [8.1, 57.1], [8.1, 57.0], [8.0, 57.1], [8.0, 57.0]]
+    features = [
+        {
+            "type": "Feature",
+            "id": f"Z{k}",
+            "geometry": {"type": "Polygon", "coordinates": [crossed if k % 2 else square]},
+            "properties": {"floor_m": 100 if k else 0, "ceiling_m": 50 if k % 2 == 0 and k else 200},
+        }
+        for k in range(41)
+    ]
+    (tmp_path / "zones.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    done = run("load", tmp_path / "zones.geojson", "--skip-invalid", "--scene", "zones")
+    assert done.code == 6
+    assert len(done.err.strip().splitlines()) <= 3, done.err
+    assert "40 LEFT OUT" in done.out
