@@ -25,8 +25,11 @@ DECLARE
         'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '
         'p_outlines, p_floors_m, p_ceilings_m)',
+        'request_delays(p_scene, p_key, p_horizon, p_now)',
         'request_probe(p_scene, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_key)',
         'request_track_probe(p_scene, p_path, p_outline, p_floor_m, p_ceiling_m, p_grow_mps, p_key)',
+        'wait_for_delays(p_probe_id, p_timeout, key, least_later_s, least_earlier_s, blocked_by, forbidden, waits, '
+        'has_departed, earliest_s, latest_s)',
         'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '
         'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m)',
         'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '

@@ -352,6 +352,9 @@ DECLARE
     -- Microseconds of the years 1 to 9999.
     c_first_us CONSTANT numeric := -62135596800000000;
     c_last_us CONSTANT numeric := 253402300799999999;
+    -- As of the settings of a scene.
+    c_most_margin_s CONSTANT numeric := 2592000;
+    c_most_margin_m CONSTANT numeric := 1000000;
     v_member text;
 BEGIN
     IF jsonb_typeof(p_options) IS DISTINCT FROM 'object' THEN
@@ -359,7 +362,9 @@ BEGIN
     END IF;
     SELECT e.key INTO v_member FROM jsonb_each(p_options) e
         LEFT JOIN (VALUES ('delays', 'key', 'string'), ('delays', 'horizon_s', 'number'),
-                          ('delays', 'now_us', 'number'),
+                          ('delays', 'now_us', 'number'), ('delays', 'margin_s', 'number'),
+                          ('delays', 'margin_m', 'number'), ('delays', 'from_us', 'number'),
+                          ('delays', 'to_us', 'number'), ('delays', 'best', 'number'),
                           ('admit', 'owner', 'string'), ('admit', 'allow_known', 'boolean'),
                           ('admit', 'replace', 'array')) o (kind, key, type) ON o.kind = p_kind AND o.key = e.key
         WHERE o.type IS NULL OR jsonb_typeof(e.value) NOT IN (o.type, 'null')
@@ -374,10 +379,25 @@ BEGIN
         FOUND := _raise('ZC003', c_who, 'horizon_s', format('must be a number from 0 to %s; got %s',
                         _longest_horizon_s(), left(p_options ->> 'horizon_s', 60)), 'horizon_finite');
     END IF;
-    IF (p_options ->> 'now_us')::numeric NOT BETWEEN c_first_us AND c_last_us
-       OR (p_options ->> 'now_us')::numeric % 1 <> 0 THEN
-        FOUND := _raise('ZC003', c_who, 'now_us', format('must be whole microseconds since 1970, in the years 1 to '
-                        '9999; got %s', left(p_options ->> 'now_us', 60)), 'now_finite');
+    SELECT i.name INTO v_member FROM unnest(ARRAY['now_us', 'from_us', 'to_us']) i (name)
+        WHERE (p_options ->> i.name)::numeric NOT BETWEEN c_first_us AND c_last_us
+              OR (p_options ->> i.name)::numeric % 1 <> 0
+        LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC003', c_who, v_member, format('must be whole microseconds since 1970, in the years 1 to '
+                        '9999; got %s', left(p_options ->> v_member, 60)), 'now_finite');
+    END IF;
+    IF (p_options ->> 'margin_s')::numeric NOT BETWEEN 0 AND c_most_margin_s THEN
+        FOUND := _raise('ZC003', c_who, 'margin_s', format('must be a number from 0 to %s; got %s', c_most_margin_s,
+                        left(p_options ->> 'margin_s', 60)), 'margin_finite');
+    END IF;
+    IF (p_options ->> 'margin_m')::numeric NOT BETWEEN 0 AND c_most_margin_m THEN
+        FOUND := _raise('ZC003', c_who, 'margin_m', format('must be a number from 0 to %s; got %s', c_most_margin_m,
+                        left(p_options ->> 'margin_m', 60)), 'margin_finite');
+    END IF;
+    IF (p_options ->> 'best')::numeric NOT BETWEEN 1 AND 1000000 OR (p_options ->> 'best')::numeric % 1 <> 0 THEN
+        FOUND := _raise('ZC003', c_who, 'best', format('must be a whole number from 1 to 1000000; got %s',
+                        left(p_options ->> 'best', 60)), 'best_positive');
     END IF;
 END
 $$;

@@ -14,7 +14,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._check_delays_request(
 ) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_who text := format('track %s', quote_nullable(p_key));
+    v_who text := format('object %s', quote_nullable(p_key));
 BEGIN
     IF extract(epoch FROM p_horizon) BETWEEN 0 AND _longest_horizon_s() IS NOT TRUE THEN
         FOUND := _raise('ZC003', v_who, 'horizon', format('must be an interval from 0 to %s s; got %s',
@@ -24,38 +24,55 @@ BEGIN
         FOUND := _raise('ZC003', v_who, 'now', format('must be an instant in the years 1 to 9999, or null; got %s',
                         p_now), 'now_finite');
     END IF;
-    IF NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) THEN
-        FOUND := _raise('ZC011', v_who, 'key', format('is not a track of scene %L', (
+    IF NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key)
+       AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id AND a.key = p_key) THEN
+        FOUND := _raise('ZC011', v_who, 'key', format('is not a track or an area of scene %L', (
                             SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)), 'object_known');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_delays_request(bigint, text, interval, timestamptz) IS
-'Raises an error (class ZC) for an unknown track, a horizon that is negative or too long, or a p_now that no plan '
+'Raises an error (class ZC) for an unknown object, a horizon that is negative or too long, or a p_now that no plan '
 'reaches.';
 
 CREATE OR REPLACE FUNCTION request_delays(
-    p_scene text, p_key text, p_horizon interval DEFAULT interval '2 hours', p_now timestamptz DEFAULT NULL
+    p_scene text, p_key text, p_horizon interval DEFAULT interval '2 hours', p_now timestamptz DEFAULT NULL,
+    p_margin interval DEFAULT interval '0', p_margin_m double precision DEFAULT 0, p_from timestamptz DEFAULT NULL,
+    p_to timestamptz DEFAULT NULL, p_best integer DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
+    v_options jsonb;
 BEGIN
     PERFORM _check_delays_request(v_scene_id, p_key, p_horizon, p_now);
-    RETURN _request(v_scene_id, 'delays', NULL, jsonb_build_object(
+    v_options := jsonb_build_object(
         'key', p_key, 'horizon_s', extract(epoch FROM p_horizon),
-        'now_us', (extract(epoch FROM p_now) * 1000000)::bigint));
+        'now_us', (extract(epoch FROM p_now) * 1000000)::bigint,
+        'margin_s', extract(epoch FROM coalesce(p_margin, interval '0')));
+    -- Infinity and NaN are no numbers of JSON: as texts they are refused.
+    v_options := v_options || jsonb_build_object(
+        'margin_m', coalesce(p_margin_m, 0), 'best', p_best,
+        'from_us', CASE WHEN isfinite(p_from) THEN to_jsonb((extract(epoch FROM p_from) * 1000000)::bigint)
+                        ELSE to_jsonb(p_from::text) END,
+        'to_us', CASE WHEN isfinite(p_to) THEN to_jsonb((extract(epoch FROM p_to) * 1000000)::bigint)
+                      ELSE to_jsonb(p_to::text) END);
+    RETURN _request(v_scene_id, 'delays', NULL, v_options);
 END
 $$;
-COMMENT ON FUNCTION request_delays(text, text, interval, timestamptz) IS
-'Asks the workers when a track could depart instead, up to p_horizon later or earlier, and not before p_now; returns '
-'an id for wait_for_delays, to be called after commit.';
+COMMENT ON FUNCTION request_delays(
+    text, text, interval, timestamptz, interval, double precision, timestamptz, timestamptz, integer) IS
+'Asks the workers when a track or an area could depart instead, up to p_horizon later or earlier, and not before '
+'p_now; returns an id for wait_for_delays, to be called after commit. An area departs when it is first active. '
+'p_margin, p_margin_m: wanted on top of the required separations in time and in distance, metres. p_from, p_to, '
+'p_best: return the free windows of departures between these instants, at most p_best, nearest to the plan first.';
 
 CREATE OR REPLACE FUNCTION wait_for_delays(
     p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute',
     OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[],
     OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision,
-    OUT latest_s double precision
+    OUT latest_s double precision, OUT departs_at timestamptz, OUT margin_s double precision,
+    OUT margin_m double precision, OUT slots jsonb, OUT closed jsonb
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -67,18 +84,25 @@ BEGIN
            (v_delays ->> 'least_earlier_s')::double precision,
            ARRAY(SELECT jsonb_array_elements_text(v_delays -> 'blocked_by')), v_delays -> 'forbidden',
            (v_delays ->> 'waits')::boolean, (v_delays ->> 'has_departed')::boolean,
-           (v_delays ->> 'earliest_s')::double precision, (v_delays ->> 'latest_s')::double precision
-        INTO key, least_later_s, least_earlier_s, blocked_by, forbidden, waits, has_departed, earliest_s, latest_s;
+           (v_delays ->> 'earliest_s')::double precision, (v_delays ->> 'latest_s')::double precision,
+           (v_delays ->> 'departs_at')::timestamptz, (v_delays ->> 'margin_s')::double precision,
+           (v_delays ->> 'margin_m')::double precision, nullif(v_delays -> 'slots', 'null'),
+           nullif(v_delays -> 'closed', 'null')
+        INTO key, least_later_s, least_earlier_s, blocked_by, forbidden, waits, has_departed, earliest_s, latest_s,
+             departs_at, margin_s, margin_m, slots, closed;
 END
 $$;
 COMMENT ON FUNCTION wait_for_delays(bigint, interval) IS
 'Waits for the reply of a worker to request_delays, computed from the objects as they are stored. least_later_s, '
-'least_earlier_s: seconds that the track must depart later, or earlier, at least to meet nothing; 0 without a '
+'least_earlier_s: seconds that the plan must depart later, or earlier, at least to meet nothing; 0 without a '
 'conflict, null if no possible delay is enough. blocked_by: objects that forbid every possible delay. forbidden: '
 'departures in conflict, a list of {"from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"}: seconds of '
 'delay, negative for earlier, and keys. waits: whether its first leg stands still, so that it occupies its first '
 'waypoint until it departs. has_departed: whether it did before p_now. earliest_s, latest_s: the possible delays. '
-'Errors and lifetime are those of wait_for_probe.';
+'departs_at: the planned departure. margin_s, margin_m: of the request; departures that come nearer are forbidden, '
+'too. slots: the free windows asked for, best first, a list of {"from_s", "to_s", "from_at", "to_at"}. closed: what '
+'closes the other departures, a list of these with "by", and for an area alone "ends_at" or "starts_at": they are '
+'free if it ends, or starts, then. Errors and lifetime are those of wait_for_probe.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._first_stop(
     p_path geometry, p_departures timestamptz[], OUT starts_us bigint, OUT leaves_us bigint

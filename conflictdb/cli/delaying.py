@@ -3,28 +3,53 @@
 import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels
 from conflictdb.cli.output import out, print_json
+from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table, wrapped
+from conflictdb.model.clock import Clock, rounded_delay_us, rounded_window
+from conflictdb.model.departure_text import duration_text
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.margin import Margin
 from conflictdb.model.results import Delays, Forbidden, Speeds
 
 
 def delays(args: argparse.Namespace) -> int:
-    """Print the departures of tracks that are in conflict, and the least that are not."""
+    """Print the departures of plans that are in conflict, and the least that are not."""
+    resolve_times(args, "start", "end")
+    has_slots = (args.start, args.end, args.best) != (None, None, None)
+    check(args, [(has_slots and args.key is None, "--from, --to and --best need a KEY")])
+    margin_s, margin_m = args.margin
     with database(args) as db:
         stored = db.scene(args.scene)
-        found = stored.delays(args.key, args.within, args.now, args.clear_within_m, args.waypoint)
+        found = stored.delays(
+            args.key,
+            args.within,
+            args.now,
+            args.clear_within_m,
+            args.waypoint,
+            margin_s=margin_s,
+            margin_m=margin_m,
+            start=args.start,
+            end=args.end,
+            best=args.best,
+        )
         names = {} if args.format == "json" else stored.names(*_keys(found))
     if args.format == "json":
         print_json([one.as_json() for one in found])
-    else:
-        change = "departure" if args.waypoint is None else f"wait at waypoint {args.waypoint}"
-        out(delays_text(found, args.within, names, change) if found else "no tracks")
-        if args.key is not None and found[0].forbidden:
-            out("\n" + _forbidden_table(found[0], names))
+        return DONE
+    clock = Clock(args.tz or UTC, round(1e6 * args.round))
+    change = "departure" if args.waypoint is None else f"wait at waypoint {args.waypoint}"
+    margin = Margin.of("delays", margin_s, margin_m)
+    out(delays_text(found, args.within, names, clock, margin, change) if found else "no tracks")
+    if has_slots:
+        out("\n" + slots_text(found[0], names, clock, margin))
+    elif args.key is not None and found[0].forbidden:
+        out("\n" + _forbidden_table(found[0], names))
     return DONE
 
 
@@ -52,31 +77,100 @@ def _keys(found: Sequence[Delays] | Sequence[Speeds]) -> Iterator[str]:
             yield from each.by
 
 
-def delays_text(found: Sequence[Delays], within_s: float, names: Mapping[str, str], change: str = "departure") -> str:
-    """Return a table of tracks, and a line for each one that no change within the horizon clears."""
-    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "CLEAR BY", "NAME", "MEETS"]
+def delays_text(
+    found: Sequence[Delays],
+    within_s: float,
+    names: Mapping[str, str],
+    clock: Clock,
+    margin: Margin,
+    change: str = "departure",
+) -> str:
+    """Return a table of plans, and a line for each one that no change within the horizon clears."""
+    header = ["KEY", "PLANNED", clock_header("DEPARTS", clock), "LATER", "EARLIER"]
+    header += ["MAY SHIFT BY", "CLEAR BY", "NAME", "MEETS"]
     rows = []
     for one in found:
         slack, nearest = one.clear_by_s, _nearest(one)
+        planned = ("too close" if margin else "conflict") if slack == 0.0 else "free"
+        departs = "" if one.departs_at is None else clock.text(one.departs_at)
         if one.has_departed:
-            clears = ["conflict" if slack == 0.0 else "free", "departed", "departed", ""]
+            clears = [planned, departs, "departed", "departed", ""]
         elif slack == 0.0:
-            clears = ["conflict", _least(one.least_later_s), _least(one.least_earlier_s), ""]
+            ways = (_departure(one, clock, later=later) for later in (True, False))
+            clears = [planned, departs, *ways, ""]
         else:
             # Rounded down: so far it may shift for certain.
             shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
-            clears = ["free", "", "", shift]
+            clears = [planned, departs, "", "", shift]
         meets = labels(names, nearest.by) if nearest else ""
         rows.append([one.key, *clears, _clear(one), names.get(one.key), meets])
     if all(one.clear_within_m is None for one in found):
         header, rows = [*header[:-3], *header[-2:]], [[*row[:-3], *row[-2:]] for row in rows]
     lines = [
-        f"{labels(names, [one.key])}: no {change} within {_duration(within_s)} clears {labels(names, one.blocked_by)}"
+        f"{labels(names, [one.key])}: no {change} within {_duration(max(one.latest_s, -one.earliest_s))} clears "
+        f"{labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by and not one.has_departed
     ]
-    text = table(header, rows, right=header[2:-2], extra=["NAME"])
-    return "\n".join([text, "", *map(wrapped, lines)] if lines else [text])
+    lines.append(margin.text())
+    return "\n".join([table(header, rows, right=header[5:-2], extra=["NAME"]), "", *map(wrapped, lines)])
+
+
+def slots_text(one: Delays, names: Mapping[str, str], clock: Clock, margin: Margin) -> str:
+    """Return the free windows, best first, and what closes the other departures, one a row."""
+    if one.slots is None or one.closed is None:
+        return "no planned departure, and so no windows"
+    planned_at = one.departs_at
+    lines = []
+    for slot in one.slots:
+        low, high = (_us(at) for at in (slot.from_at, slot.to_at))
+        lines.append(f"free    {_window(*rounded_window(low, high, clock), clock, planned_at)}")
+    if not one.slots:
+        lines.append(f"no free window ({margin.text()})")
+    for gap in one.closed:
+        # Rounded outward: every departure outside of it is another row's.
+        low, high = (_us(at) for at in (gap.from_at, gap.to_at))
+        step_us = next(clock.steps_us())
+        ends = clock.rounded_us(low, step_us, up=False), clock.rounded_us(high, step_us, up=True)
+        text = f"closed  {_window(*ends, clock, planned_at)}, by {labels(names, gap.by)}"
+        if gap.ends_at is not None:
+            at_us = clock.rounded_us(_us(gap.ends_at), step_us, up=False)
+            text += f"; free if it ends at {clock.text(_moment(at_us), planned_at)}"
+        elif gap.starts_at is not None:
+            at_us = clock.rounded_us(_us(gap.starts_at), step_us, up=True)
+            text += f"; free if it starts at {clock.text(_moment(at_us), planned_at)}"
+        lines.append(text)
+    return "\n".join(lines)
+
+
+def clock_header(text: str, clock: Clock) -> str:
+    """Return the header of a column of clock times."""
+    return f"{text} (UTC)" if clock.zone is UTC else f"{text} ({clock.zone})"
+
+
+def _window(low_us: int, high_us: int, clock: Clock, beside: datetime | None) -> str:
+    low, high = _moment(low_us), _moment(high_us)
+    return f"{clock.text(low, beside)}-{clock.text(high, low)}"
+
+
+def _departure(one: Delays, clock: Clock, *, later: bool) -> str:
+    """Return the least departure without a conflict as a clock time, and how much later or earlier it is."""
+    least_s = one.least_later_s if later else one.least_earlier_s
+    if least_s is None:
+        return "none"
+    delay_us = rounded_delay_us(one, round(1e6 * least_s) * (1 if later else -1), clock, later=later)
+    shift = duration_text(abs(delay_us))
+    if one.departs_at is None:
+        return shift
+    return f"{clock.text(one.departs_at + delay_us * MICROSECOND, one.departs_at)} ({shift})"
+
+
+def _us(moment: datetime) -> int:
+    return (moment - EPOCH) // MICROSECOND
+
+
+def _moment(at_us: int) -> datetime:
+    return EPOCH + at_us * MICROSECOND
 
 
 def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float, names: Mapping[str, str]) -> str:
@@ -144,10 +238,6 @@ def _forbidden_table(one: Delays, names: Mapping[str, str]) -> str:
 def _nearest(one: Delays) -> Forbidden | None:
     """Return the forbidden interval that a departure as planned is in, or nearest to."""
     return min(one.forbidden, key=lambda each: max(each.from_s, -each.to_s, 0.0), default=None)
-
-
-def _least(least_s: float | None) -> str:
-    return "none" if least_s is None else _duration(least_s)
 
 
 def _clear(one: Delays) -> str:

@@ -16,6 +16,7 @@ from conflictdb.cli.values import (
     hours,
     instant,
     mapping,
+    margin,
     megabytes,
     memory_mb,
     method,
@@ -24,6 +25,7 @@ from conflictdb.cli.values import (
     place,
     seconds,
     speed_kn,
+    step_s,
     zone,
 )
 from conflictdb.core.memory_budget import MEMORY_MB
@@ -37,7 +39,9 @@ _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
     "--jobs": (count, None, "N", "threads to compute with (default: one for each processor)"),
     "--lock-timeout": (duration_s, None, "DURATION", "give up if another session holds a lock for longer"),
+    "--margin": (margin, (0.0, 0.0), "TIME|DISTANCE", "stay clear by so much more: 5m (minutes), 0.5nmi"),
     "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory to compute with, megabytes (default {MEMORY_MB})"),
+    "--round": (step_s, 60.0, "DURATION", "show departures in whole steps (default: 1m; 0: exact)"),
     "--tz": (zone, None, "ZONE", "time zone of times without offset and of the table, Europe/Copenhagen"),
     "--wait": (duration_s, None, "DURATION", "wait so long for a worker to detect changes, else exit with 7"),
 }

@@ -186,6 +186,25 @@ def delay_s(text: str) -> float:
     return sign * duration_s(rest)
 
 
+def step_s(text: str) -> float:
+    """Return a duration in seconds, or 0."""
+    return 0.0 if text.strip() == "0" else duration_s(text)
+
+
+def margin(text: str) -> tuple[float, float]:
+    """Return a margin in time, seconds, and in distance, metres, of `5m` (minutes) or `0.5nmi`; one of them is 0."""
+    if text.strip() == "0":
+        return 0.0, 0.0
+    # A bare m is a minute here, as in all times of the command line.
+    if re.search(r"(nmi|km|ft|metres)$", text.strip()):
+        return 0.0, metres(text)
+    try:
+        return duration_s(text), 0.0
+    except argparse.ArgumentTypeError:
+        rule = "must be a time such as 5m (minutes) or 90s, or a distance such as 0.5nmi, 2km or 500metres"
+        raise argparse.ArgumentTypeError(f"{rule}; got {text!r}") from None
+
+
 def _duration_s(text: str) -> float | None:
     """Return h:mm:ss, h:mm, or numbers with units, largest first, in seconds; None for anything else."""
     if clock := re.fullmatch(r"(\d{1,9}):([0-5]\d)(?::([0-5]\d(?:\.\d{1,9})?))?", text):

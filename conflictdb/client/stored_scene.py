@@ -513,37 +513,46 @@ class StoredScene:
         now: "inputs.Instant | None" = None,
         clear_within_m: float | None = None,
         waypoint: int | None = None,
+        *,
+        margin_s: float = 0.0,
+        margin_m: float = 0.0,
+        start: "inputs.Instant | None" = None,
+        end: "inputs.Instant | None" = None,
+        best: int | None = None,
     ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
         Looked up if the scene is current and stores them (`delays_within_s`); else computed from the objects as they
-        are stored, whether they were detected or not: the same answer. Delays are of one track at a time: everything
+        are stored, whether they were detected or not: the same answer. Delays are of one object at a time: everything
         else departs as planned.
 
         Parameters
         ----------
         key : str, optional
-            A track; by default each track is asked about.
+            A track or an area; by default each track is asked about.
         within_s : float
             The horizon: delays of up to this many seconds, either way.
         now : instant, optional
-            No track departs before it: earlier delays are not possible, nor any of a track that has departed.
+            Nothing departs before it: earlier delays are not possible, nor any of what has departed.
         clear_within_m : float, optional
-            Compute `clear_by_m`, too, up to this many metres; by default it is None.
+            Compute `clear_by_m` of tracks, too, up to this many metres; by default it is None.
         waypoint : int, optional
             The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of
             departing later, with the heading, haven and heights of the end of the leg before.
+        margin_s, margin_m : float
+            Wanted on top of the required separations in time and in distance.
+        start, end : instant, optional
+            Return the free windows of departures between these as `slots`, and what closes the others as `closed`.
+        best : int, optional
+            Return at most so many windows, those nearest to the planned departure.
 
-        Raises InvalidInput for an unknown scene or track.
+        Raises InvalidInput for an unknown scene or object.
         """
-        from conflictdb.model import inputs
-
-        inputs.seconds("delays", "within_s", within_s)
-        if clear_within_m is not None:
-            clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         from conflictdb.jobs import track_delays
+        from conflictdb.memory.delay_options import DelayOptions
 
-        return track_delays.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
+        options = DelayOptions.of(within_s, now, clear_within_m, waypoint, margin_s, margin_m, start, end, best)
+        return track_delays.delays(self.connection, self.name, key, options)
 
     def speeds(
         self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None

@@ -8,6 +8,7 @@ ones only.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from datetime import datetime
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -24,7 +25,8 @@ from conflictdb.core.pieces.covers import COVER, is_covered
 from conflictdb.earth.geodesy import is_standing
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import Shifts, difference_parts
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 
 _Ints = NDArray[np.int64]
@@ -113,7 +115,7 @@ class Differences:
         return cls(np.zeros(len(other), np.int64), other, *outer, *inner)
 
     def mirrored(self) -> "Differences":
-        """Return the same delays as those of the other objects, which are tracks."""
+        """Return the same delays as those of the other objects."""
         return Differences(self.other, self.track, -self.high, -self.low, -self.inner_high, -self.inner_low)
 
     def forbidden(self, least: int, most: int) -> tuple[Spans, Spans]:
@@ -149,19 +151,26 @@ class Leeway:
     waits : whether the first leg stands still, so that the track occupies its first waypoint until it departs
     has_departed : whether it left its first waypoint before now
     first_us, last_us : the least and the greatest delay, microseconds; 0 and 0 if it has departed
+    departs_us : when it leaves as planned, microseconds since 1970; MINUS_INFINITY_US: an area without a start
     """
 
     waits: bool
     has_departed: bool
     first_us: int
     last_us: int
+    departs_us: int
 
     @classmethod
-    def of(cls, track: Track, horizon_us: int, now_us: int | None = None) -> Self:
+    def of(cls, plan: Area | Track, horizon_us: int, now_us: int | None = None) -> Self:
         """Return the delays within the horizon that let a track depart at `now_us` or later; None: any.
 
-        A track that waits at its first waypoint may leave it now; any other begins now at the earliest.
+        A track that waits at its first waypoint may leave it now; any other begins now at the earliest, and so does an
+        area. An area that is never active has no departure.
         """
+        if isinstance(plan, Area):
+            begins_us = start_of(plan)
+            return cls.between(begins_us, begins_us, horizon_us, now_us)
+        track = plan
         moves = ~is_standing(track.positions_deg[:1], track.positions_deg[1:])
         stands = int(np.argmax(moves)) if moves.any() else len(moves)
         # The first voyage; all are delayed together.
@@ -174,17 +183,24 @@ class Leeway:
         """Return the delays of a track that begins at `starts_us` and leaves its first waypoint at `leaves_us`."""
         waits = leaves_us > starts_us
         if now_us is None:
-            return cls(waits, False, -horizon_us, horizon_us)
+            return cls(waits, False, -horizon_us, horizon_us, leaves_us)
         if leaves_us < now_us:
-            return cls(waits, True, 0, 0)
+            return cls(waits, True, 0, 0, leaves_us)
         departs_us = starts_us if now_us <= starts_us else leaves_us
-        return cls(waits, False, max(-horizon_us, now_us - departs_us), horizon_us)
+        return cls(waits, False, max(-horizon_us, now_us - departs_us), horizon_us, leaves_us)
 
     @classmethod
     def at(cls, waypoint_us: int, horizon_us: int, now_us: int | None = None) -> Self:
         """Return the waits at a waypoint that a track reaches at `waypoint_us`, if it has not by now."""
         has_departed = now_us is not None and waypoint_us < now_us
-        return cls(True, has_departed, 0, 0 if has_departed else horizon_us)
+        return cls(True, has_departed, 0, 0 if has_departed else horizon_us, waypoint_us)
+
+
+def start_of(area: Area) -> int:
+    """Return when an area with expanded schedules is active first, microseconds; never: MINUS_INFINITY_US."""
+    spans = ((area.start_us, area.end_us),) if area.spans_us is None else area.spans_us
+    start_us = spans[0][0] if spans else None
+    return MINUS_INFINITY_US if start_us is None else start_us
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +253,7 @@ def differences_of(
     threads: int = 1,
     *,
     waits: FirstStops | None,
+    moves_areas: bool = False,
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
@@ -244,8 +261,9 @@ def differences_of(
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
     waits : the tracks that wait at their first waypoint before they depart; None: no track does
+    moves_areas : whether some of `tracks` are areas, which have delays, too
     """
-    every = differences_with(setup, placed, tracks, horizon_us, threads, waits=waits)
+    every = differences_with(setup, placed, tracks, horizon_us, threads, waits=waits, moves_areas=moves_areas)
     return every.take(np.flatnonzero(np.isin(every.track, tracks)))
 
 
@@ -258,6 +276,7 @@ def differences_with(
     *,
     waits: FirstStops | None,
     but: _Ints | None = None,
+    moves_areas: bool = False,
 ) -> Differences:
     """Return the delays within the horizon that bring tracks into contact with some objects, or these with others.
 
@@ -266,23 +285,26 @@ def differences_with(
     placed : all pieces of the objects, and of those that they may meet
     objects : (m,) numbers of tracks and areas
     but : (k,) numbers of objects that are left out
+    moves_areas : also return the delays of areas, which meet tracks and other areas
     """
     parts = placed.parts(setup.scene)
     if parts[0][1] is not placed:
         given = objects, horizon_us, threads
-        return Differences.concatenate(
-            [differences_with(setup.under(own), part, *given, waits=waits, but=but) for own, part in parts]
-        )
+        found = [
+            differences_with(setup.under(own), part, *given, waits=waits, but=but, moves_areas=moves_areas)
+            for own, part in parts
+        ]
+        return Differences.concatenate(found)
     pieces, number = placed.pieces, placed.number
     reach_us = horizon_us + setup.scene.time_separation_us
     a, b = placed.rows(Question.shifted(np.flatnonzero(np.isin(number, objects)), reach_us))
     is_track = pieces.kind == Kind.TRACK.code
-    kept = is_track[a] | is_track[b]
+    kept = is_track[a] | is_track[b] | moves_areas
     if but is not None:
         kept &= ~np.isin(number[b], but)
     a, b = a[kept], b[kept]
     # The area second, else the larger number: the last digits of an answer depend on the order.
-    turned = ~is_track[a] | (is_track[b] & (number[b] < number[a]))
+    turned = np.where(is_track[a] == is_track[b], number[b] < number[a], is_track[b])
     a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
     stands = np.zeros(len(pieces), np.bool_) if waits is None else waits.first_pieces(pieces, number)
     waits_a, waits_b = stands[a], stands[b]
@@ -290,11 +312,13 @@ def differences_with(
     passing = PieceRows(np.concatenate([b[waits_a], a[waits_b]]))
     prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
     every = delays_of_pairs(setup.scene, prepared, number, a, b, horizon_us, threads=threads)
-    of_tracks = every.take(np.flatnonzero(kinds_and_ids(every.other)[0] == Kind.TRACK.code))
+    moving = every
+    if not moves_areas:
+        moving = every.take(np.flatnonzero(kinds_and_ids(every.other)[0] == Kind.TRACK.code))
     every = Differences.concatenate(
         [
             every,
-            of_tracks.mirrored(),
+            moving.mirrored(),
             _while_waiting(
                 delays_of_pairs(
                     setup.scene, prepared, number, still, passing, horizon_us, stays="start", threads=threads
@@ -397,7 +421,13 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
         leeway.has_departed,
         leeway.first_us / 1e6,
         leeway.last_us / 1e6,
+        departs_at=moment_of(leeway.departs_us),
     )
+
+
+def moment_of(at_us: int) -> datetime | None:
+    """Return an instant; None for those that are unbounded."""
+    return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + at_us * MICROSECOND
 
 
 def forbidden_by(
@@ -492,7 +522,9 @@ def _of_some_pairs(
     pieces = prepared.pieces
     within_us = scene.time_separation_us
     shifts, first, last = shifts_of(pieces, a, b, horizon_us + within_us, stays=stays)
-    zero = shifts.a_zero_us
+    # An area is where it is at any time: its end comes to what begins, its start to what ends.
+    still = pieces.kind[a] == Kind.AREA.code
+    zero, last_zero = (np.where(still, ends, shifts.a_zero_us) for ends in (pieces.end_us[a], pieces.start_us[a]))
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     left, own, doubt_s = with_heights(pieces, shifts.take(solved))
@@ -509,14 +541,18 @@ def _of_some_pairs(
     # An unproven interval stays unproven: a separation in time would widen it into a proof.
     nothing = found["inner_low"] > found["inner_high"]
     found["inner_low"][nothing], found["inner_high"][nothing] = np.inf, -np.inf
-    first, last, zero = first[rows], last[rows], zero[rows]
+    # Nothing is rounded between areas, which have no time of their own.
+    for name in ("outer_low", "outer_high", "inner_low", "inner_high"):
+        found[name][still[rows] & np.isfinite(found[name])] = 0.0
+    rounded_us = np.where(still[rows], 0.0, _ROUNDING_US)
+    first, last, zero, last_zero = first[rows], last[rows], zero[rows], last_zero[rows]
     return Differences(
         number[a[rows]],
         number[b[rows]],
-        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US) - within_us),
-        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US) + within_us),
-        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US) - within_us),
-        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US) + within_us),
+        _later(first, zero, np.floor(1e6 * found["outer_low"] - rounded_us) - within_us),
+        _later(last, last_zero, np.ceil(1e6 * found["outer_high"] + rounded_us) + within_us),
+        _later(first, zero, np.ceil(1e6 * found["inner_low"] + rounded_us) - within_us),
+        _later(last, last_zero, np.floor(1e6 * found["inner_high"] - rounded_us) + within_us),
     )
 
 
@@ -526,7 +562,7 @@ def shifts_of(
     """Return pairs of pieces, each piece with a time of its own, and the first and last instant (n,) that b adds.
 
     Delays within the horizon are differences plus instant minus the zero of a. An area stands still at all instants of
-    its span, a track only at its start.
+    its span, a track only at its start. If a is an area, b is one, and their only difference is 0.
 
     stays : a stays as it is at this end of its time; None: it has its whole time
     """
@@ -534,23 +570,32 @@ def shifts_of(
     # An end counts from itself: heights and places at it are exact then.
     zero = pieces.end_us[a] if stays == "end" else pieces.start_us[a]
     first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
-    lasts_s = (pieces.end_us[a] - zero) / 1e6 if stays is None else np.zeros(len(a))
+    is_area = pieces.kind[a] == Kind.AREA.code
+    zero = np.where(is_area, 0, zero)
+    lasts_s = np.where(is_area | (stays is not None), 0, np.where(is_area, 0, pieces.end_us[a]) - zero) / 1e6
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
     least, most = (
         (sign * (horizon_us + _BEYOND_US) - _later(instant, zero, nothing)) / 1e6
         for sign, instant in ((-1, last), (1, first))
     )
+    # Pairs of areas meet at any time, or never: the difference of their own times is 0.
+    least, most = np.where(is_area, -1.0, least), np.where(is_area, 1.0, most)
     shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least, most)
     return shifts, first, last
 
 
 def _later(instant_us: _Ints, zero_us: _Ints, more_us: NDArray[np.float64]) -> _Ints:
     """Return instant minus zero plus more, microseconds; infinite where one of them is."""
-    endless = np.where(instant_us == MINUS_INFINITY_US, -np.inf, np.where(instant_us == INFINITY_US, np.inf, 0.0))
+    endless = _endless(instant_us) - np.where(_endless(instant_us) == 0.0, _endless(zero_us), 0.0)
     infinite = np.where(np.isinf(more_us), more_us, endless)
     known = infinite == 0.0
     exact = (
         np.where(known, instant_us, 0) - np.where(known, zero_us, 0) + np.where(known, more_us, 0.0).astype(np.int64)
     )
     return np.where(known, exact, np.where(infinite > 0.0, 2 * FOREVER_US, -2 * FOREVER_US))
+
+
+def _endless(instant_us: _Ints) -> NDArray[np.float64]:
+    """Return infinity for instants that are, and 0 for all others."""
+    return np.where(instant_us == MINUS_INFINITY_US, -np.inf, np.where(instant_us == INFINITY_US, np.inf, 0.0))

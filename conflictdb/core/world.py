@@ -146,18 +146,20 @@ class World:
         reach: Reach = AS_PLANNED,
         now_us: int | None = None,
         known: Window | None = None,
+        moved: Sequence[Area] = (),
     ) -> Self:
         """Return the world of objects; schedules are expanded from today to the horizon, and over all voyages.
 
         reach : how far a question moves tracks
         now_us : today; None: by the clock
         known : the window so far, which the new one contains
+        moved : areas that the question moves as far as the tracks
         """
         check_keys([area.key for area in areas] + [track.key for track in tracks])
         check_datums(scene, [*areas, *tracks])
         window = known
         if has_schedules([*areas, *tracks]):
-            window = horizon(scene, touched(tracks, scene, reach), now_us=now_us, known=known)
+            window = horizon(scene, touched([*tracks, *moved], scene, reach), now_us=now_us, known=known)
         return replace(cls.around(scene, areas, tracks), window=window)
 
     def expanded(self, areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[list[Area], list[Track]]:

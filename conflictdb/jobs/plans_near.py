@@ -60,10 +60,10 @@ def read_if_moved(
     conn: psycopg.Connection[Any],
     scene: str,
     key: str | None,
-    question: Callable[[Track], Question],
+    question: Callable[[Area | Track], Question],
     within_m: float = 0.0,
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene and what a track may meet, or come within a distance of, if it is at other times; None: all.
+    """Return a scene and what an object may meet, or come within a distance of, if it is at other times; None: all.
 
     All objects, if the pieces of the scene are not current. Raises InvalidInput if the scene does not exist.
     """
@@ -71,8 +71,9 @@ def read_if_moved(
     def keys() -> list[str] | None:
         if key is None:
             return None
-        _, _, tracks = store.read_scene(conn, scene, [key])
-        return [one for track in tracks for one in _around(conn, scene, track, question(track), within_m)] + [key]
+        _, areas, tracks = store.read_scene(conn, scene, [key])
+        plans: list[Area | Track] = [*areas, *tracks]
+        return [one for plan in plans for one in _around(conn, scene, plan, question(plan), within_m)] + [key]
 
     return _read(conn, scene, keys)
 

@@ -26,6 +26,7 @@ from conflictdb.jobs.admission import admit
 from conflictdb.jobs.members_near import read_members_near, state_for, world_of
 from conflictdb.jobs.sources import PLAN, StoredWithPlan
 from conflictdb.jobs.track_delays import delays
+from conflictdb.memory.delay_options import DelayOptions
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import LINES, Area, Track, check_datums, check_legs
 from conflictdb.model.results import Conflict, Kind, Listing
@@ -165,10 +166,20 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
     """Answer a request, in the open transaction."""
     options = request.options
     if request.kind == "delays":
-        now_us = options.get("now_us")
-        now = certain(None if now_us is None else int(now_us))
-        (of_track,) = delays(conn, request.scene, options["key"], options["horizon_s"], now)
-        store.answer_delays(conn, request.probe_id, of_track)
+        now, start, end = (
+            certain(None if (at := options.get(name)) is None else int(at)) for name in ("now_us", "from_us", "to_us")
+        )
+        asked = DelayOptions.of(
+            options["horizon_s"],
+            now,
+            margin_s=options.get("margin_s") or 0.0,
+            margin_m=options.get("margin_m") or 0.0,
+            start=start,
+            end=end,
+            best=options.get("best"),
+        )
+        (found,) = delays(conn, request.scene, options["key"], asked)
+        store.answer_delays(conn, request.probe_id, found)
         return
     assert request.plans is not None  # noqa: S101
     settings = store.read_settings(conn, store.scene_id(conn, request.scene))
@@ -185,9 +196,9 @@ def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs:
         )
         store.answer_admission(conn, request.probe_id, admission)
         return
-    found = _found(conn, request.scene, plans, jobs, memory)
-    beyond = (found.state.is_beyond_horizon and found.state.remark) or ""
-    store.answer_probe(conn, request.probe_id, {one.key for one in plans}, found, beyond)
+    met = _found(conn, request.scene, plans, jobs, memory)
+    beyond = (met.state.is_beyond_horizon and met.state.remark) or ""
+    store.answer_probe(conn, request.probe_id, {one.key for one in plans}, met, beyond)
 
 
 def _probed_alone(

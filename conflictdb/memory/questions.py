@@ -19,13 +19,15 @@ from conflictdb.core.funnel import Funnel
 from conflictdb.core.margins import least_margins
 from conflictdb.core.near import Memory
 from conflictdb.core.run import run_scene
+from conflictdb.core.slots import closed_of, slots_of
 from conflictdb.core.to_results import to_results
-from conflictdb.core.world import AS_PLANNED, Occupied, Reach, World, occupy
+from conflictdb.core.world import AS_PLANNED, Occupied, Reach, World, has_schedules, occupy
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
+from conflictdb.memory.delay_options import DelayOptions
 from conflictdb.model import inputs
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.recurring_plans import Window, require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 
@@ -94,32 +96,46 @@ def delays(
     now: inputs.Instant | None = None,
     clear_within_m: float | None = None,
     waypoint: int | None = None,
+    *,
+    margin_s: float = 0.0,
+    margin_m: float = 0.0,
+    start: inputs.Instant | None = None,
+    end: inputs.Instant | None = None,
+    best: int | None = None,
 ) -> list[Delays]:
     """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
 
-    Delays are of a whole track, everything else departs as planned, and the method is `exact`. A track whose first leg
+    Delays are of a whole plan, everything else departs as planned, and the method is `exact`. A track whose first leg
     stands still waits there until it departs; any other is nowhere before that. Its haven begins to grow when it
-    departs.
+    departs. An area departs when it is first active; a delay moves all its activations.
 
-    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track.
+    Rows are in the order of keys, areas first. Raises the errors of `solve`, and InvalidInput for an unknown key.
 
     Parameters
     ----------
     key : str or sequence of str, optional
-        A track, or several; by default each of them is asked about, one at a time.
+        A track or an area, or several; by default each track is asked about, one at a time.
     within_s : float
         The horizon: delays of up to this many seconds, either way.
     now : instant, optional
-        No track departs before it: neither earlier delays are possible, nor any of a track that has departed. A track
+        Nothing departs before it: neither earlier delays are possible, nor any of a plan that has departed. A track
         that stands at its first waypoint may leave it now.
     clear_within_m : float, optional
-        Compute `clear_by_m`, too, up to this many metres; by default it is None.
+        Compute `clear_by_m` of tracks, too, up to this many metres; by default it is None.
     waypoint : int, optional
         The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of departing
         later, with the heading, haven and heights of the end of the leg before. Up to there all stays as planned; all
         later times are later.
+    margin_s, margin_m : float
+        Wanted on top of the required separations in time and in distance: departures that come nearer are forbidden.
+    start, end : instant, optional
+        Return the free windows of departures between these, which replace the horizon, as `slots`, and what closes the
+        other departures as `closed`. The plan needs a key and must not repeat.
+    best : int, optional
+        Return at most so many windows, those nearest to the planned departure; also without `start` and `end`.
     """
-    return delays_over(None, tracks, areas, scene, key, within_s, now, clear_within_m, waypoint)
+    options = DelayOptions.of(within_s, now, clear_within_m, waypoint, margin_s, margin_m, start, end, best)
+    return delays_over(None, tracks, areas, scene, key, options)
 
 
 def delays_over(
@@ -128,48 +144,74 @@ def delays_over(
     areas: Iterable[Area],
     scene: Scene | None,
     key: str | Sequence[str] | None,
-    within_s: float,
-    now: inputs.Instant | None,
-    clear_within_m: float | None,
-    waypoint: int | None,
+    options: DelayOptions,
 ) -> list[Delays]:
     """Return as `delays`; window : schedules are expanded over at least this time."""
-    horizon_us, now_us = horizon_and_now(within_s, now)
-    if clear_within_m is not None:
-        clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
+    tracks, areas = each("delays", "tracks", tracks, Track), each("delays", "areas", areas, Area)
     # The answer is the one that a detection stores.
-    stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
+    stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) and not options.margin else 0
+    if isinstance(scene, Scene | None):
+        scene = options.margin.added_to(scene or Scene("in memory"))
+    asked = None if key is None else set(_several(key))
+    moved = [area for area in areas if asked is not None and area.key in asked]
+    # Activations of a schedule move to the times of all others.
+    beside = areas if has_schedules(moved) else moved
+    horizon_us = options.horizon_us
+    if options.has_times:
+        one = _only_one([*tracks, *areas], asked)
+        horizon_us = options.reach_us(one, None if one is None else departure_us(one, options.waypoint))
     solved_us = max(horizon_us, stored_us)
-    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us), window)
+    setup, pieces, keys, numbers, known, active = _numbered(
+        "delays", tracks, areas, scene, Reach.either(solved_us), window, beside
+    )
     scene, placed = setup.scene, Memory(pieces)
-    if waypoint is not None:
-        number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
-        require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
-        waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
-        waits = waits_of(setup, placed, number, waits_us, horizon_us)
-        asked = np.array([number], np.int64)
-        answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
+    if options.waypoint is not None:
+        number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, known, key)
+        require_one_voyage("delays", "waypoint", [track for track in known if track.key == keys[number]])
+        waits_us = int(times_us[_place("delays", "waypoint", options.waypoint, len(times_us) - 1) - 1])
+        found = {number: waits_of(setup, placed, number, waits_us, horizon_us)}
+        leeway = {keys[number]: Leeway.at(waits_us, horizon_us, options.now_us)}
+        rows = np.array([number], np.int64)
+        nothing = found[number].take(np.empty(0, np.int64))
     else:
-        leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
-        asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
-        stops = FirstStops.of(TrackBatch.of(tracks))
-        every = differences_of(setup, placed, asked, solved_us, waits=stops)
+        plans: list[Area | Track] = [*known, *active.values()]
+        leeway = {plan.key: Leeway.of(plan, horizon_us, options.now_us) for plan in plans}
+        rows = numbers if asked is None else _known(scene, keys, np.array([*active, *numbers.tolist()]), asked)
+        if options.clear_within_m is not None and asked is not None and (rows < len(active)).any():
+            raise InvalidInput("delays", "clear_within_m", f"is of tracks: {moved[0].key!r} is an area")
+        stops = FirstStops.of(TrackBatch.of(known))
+        every = differences_of(setup, placed, rows, solved_us, waits=stops, moves_areas=bool(moved))
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
-        answers = [
-            delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
-            for number in asked.tolist()
-        ]
-    if clear_within_m is None:
+    answers = []
+    for number in rows.tolist():
+        own, possible = found.get(number, nothing), leeway[keys[number]]
+        answer = delays_of(keys[number], keys, own, horizon_us, possible)
+        answer = replace(answer, margin_s=options.margin.time_us / 1e6, margin_m=options.margin.distance_m)
+        if options.has_slots and answer.departs_at is not None:
+            least, most = options.window_us(possible.departs_us, possible.first_us, possible.last_us)
+            closed = closed_of(answer, own, least, most, keys, active)
+            answer = replace(answer, slots=slots_of(answer, least, most, options.best), closed=closed)
+        answers.append(answer)
+    if options.clear_within_m is None:
         return answers
-    batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
-    return _with_margins(answers, setup, placed, batch, clear_within_m)
+    batch = TrackBatch.of(known).take(kinds_and_ids(rows)[1])
+    return _with_margins(answers, setup, placed, batch, options.clear_within_m)
 
 
-def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
-    """Return both in microseconds. Raises InvalidInput."""
-    now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
-    return round(1e6 * inputs.seconds("delays", "within_s", within_s)), now_us
+def _only_one(plans: Iterable[Area | Track], keys: Collection[str] | None) -> Area | Track | None:
+    """Return the plan of the only key; None: all, several or unknown."""
+    found = [one for one in plans if keys is not None and one.key in keys]
+    return found[0] if len(found) == 1 and keys is not None and len(keys) == 1 else None
+
+
+def departure_us(plan: Area | Track, waypoint: int | None) -> int | None:
+    """Return when a plan departs, or leaves a waypoint; None for an area without a start, and an unknown waypoint."""
+    if isinstance(plan, Track) and waypoint is not None:
+        place = _place("delays", "waypoint", waypoint, len(plan.times_us) - 1)
+        return int(plan.times_us[place - 1])
+    departs_us = Leeway.of(plan, 0).departs_us
+    return None if departs_us == MINUS_INFINITY_US else departs_us
 
 
 def _with_margins(
@@ -369,14 +411,30 @@ def numbered(
     reach : how far the question moves tracks
     window : schedules are expanded over at least this time
     """
-    world, sorted_tracks, sorted_areas = world_of(what, tracks, areas, scene, reach, window)
+    return _numbered(what, tracks, areas, scene, reach, window)[:5]
+
+
+def _numbered(
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    reach: Reach,
+    window: Window | None,
+    moved: Sequence[Area] = (),
+) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track], dict[int, Area]]:
+    """Return as `numbered`, and the areas by number.
+
+    moved : areas that the question moves as far as the tracks
+    """
+    world, sorted_tracks, sorted_areas = world_of(what, tracks, areas, scene, reach, window, moved)
     occupied = occupy(world, sorted_areas, sorted_tracks, warns=True)
     known = occupied.tracks
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
     keys = dict(enumerate(area.key for area in occupied.areas)) | dict(
         zip(numbers.tolist(), (track.key for track in known), strict=True)
     )
-    return world.setup, occupied.pieces, keys, numbers, known
+    return world.setup, occupied.pieces, keys, numbers, known, dict(enumerate(occupied.areas))
 
 
 def world_of(
@@ -386,14 +444,19 @@ def world_of(
     scene: Scene | None,
     reach: Reach = AS_PLANNED,
     window: Window | None = None,
+    moved: Sequence[Area] = (),
 ) -> tuple[World, list[Track], list[Area]]:
-    """Return the world of a question, and its tracks and areas in the order of their keys; raises InvalidInput."""
+    """Return the world of a question, and its tracks and areas in the order of their keys; raises InvalidInput.
+
+    moved : areas that the question moves as far as the tracks
+    """
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     # Numbered by key, as in the database: the answer does not depend on the order of the objects. World.of checks keys.
     known = sorted(each(what, "tracks", tracks, Track), key=_order)
     others = sorted(each(what, "areas", areas, Area), key=_order)
-    return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window), known, others
+    world = World.of(scene or Scene("in memory"), others, known, reach=reach, known=window, moved=moved)
+    return world, known, others
 
 
 def _order(one: Area | Track) -> bytes:
@@ -408,7 +471,7 @@ def _known(
     for key in given:
         if not isinstance(key, str) or key not in of_key:
             problem = "is an area, which does not depart" if key in keys.values() else "is not known"
-            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
+            raise InvalidInput(f"scene {scene.name!r}", "key", f"{key!r} {problem}")
     return np.array(sorted({of_key[key] for key in given}), np.int64)
 
 
@@ -417,7 +480,7 @@ def _several(key: Any) -> Collection[str]:
     if isinstance(key, str):
         return [key]
     if not isinstance(key, Collection):
-        raise InvalidInput("delays", "key", f"must be the key of a track, or several; got {key!r:.60}")
+        raise InvalidInput("delays", "key", f"must be the key of a track or an area, or several; got {key!r:.60}")
     return key
 
 

@@ -416,6 +416,38 @@ class Forbidden:
 
 
 @dataclass(frozen=True, slots=True)
+class Slot:
+    """A window of departures that meet nothing: delays in [from_s, to_s], seconds, whole microseconds.
+
+    from_at, to_at : these departures
+    """
+
+    from_s: float
+    to_s: float
+    from_at: datetime
+    to_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """Departures that the same objects close: delays in [from_s, to_s], seconds, whole microseconds.
+
+    from_at, to_at : these departures
+    by : the keys of all objects that close some of them
+    ends_at, starts_at : if the only one is an area with one span: they are free if it ends, or starts, then; None
+        otherwise, or if no such instant lies in its span
+    """
+
+    from_s: float
+    to_s: float
+    from_at: datetime
+    to_at: datetime
+    by: tuple[str, ...]
+    ends_at: datetime | None = None
+    starts_at: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Delays:
     """When a track could depart instead, if everything else stays as planned: what `delays` returns.
 
@@ -431,6 +463,11 @@ class Delays:
     clear_by_m, clear_error_m : how much farther than the required separation it stays, as planned, from everything that
         shares its heights and, within the separation in time, its time, metres, and the error: 0 if it is in conflict,
         None beyond the range. Where it could not be computed it is 0, and the error None
+    departs_at : when it departs as planned, or leaves the waypoint of the question; None: unknown, or unbounded
+    margin_s, margin_m : wanted on top of the required separations in time and distance: forbidden are all departures
+        that come nearer
+    slots : free windows of departures, best first: nearest to the planned departure; None: not asked for
+    closed : what closes the other departures, in order; None: not asked for
     """
 
     key: str
@@ -445,6 +482,11 @@ class Delays:
     clear_within_m: float | None = None
     clear_by_m: float | None = None
     clear_error_m: float | None = None
+    departs_at: datetime | None = None
+    margin_s: float = 0.0
+    margin_m: float = 0.0
+    slots: tuple[Slot, ...] | None = None
+    closed: tuple[Closed, ...] | None = None
 
     @property
     def clear_by_s(self) -> float | None:
@@ -457,7 +499,10 @@ class Delays:
 
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""
-        return asdict(self)
+        found = asdict(self)
+        for one in (found, *(found["slots"] or ()), *(found["closed"] or ())):
+            one |= {name: format_moment(value) for name, value in one.items() if name.endswith("_at")}
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -627,7 +627,7 @@ def test_explain_says_why(strait: Run) -> None:
     facts = strait("explain", "SUB-1", "SUB-2", "--format", "json").json
     assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
     assert [one["key"] for one in facts["delays"]] == ["SUB-1", "SUB-2"]
-    assert told.out.splitlines()[-2:] == [
+    assert told.out.splitlines()[-3:] == [
         "  if only one of these two departs at another time:",
         '    "FERRY" must leave 17 min 26 s earlier to clear "DIVING"; no later departure within 2 h does',
     ]
@@ -712,40 +712,93 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     told = run("delays", "--scene", "strait")
     assert (told.code, told.err) == (0, "")
     assert re.search(
-        r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +Tug with .* line +FERRY \(Ferry\)$", told.out, re.MULTILINE
+        r"^TOW +conflict +2026-06-01 06:45 +06:57 \(12 min\) +06:37 \(8 min\) +Tug with .* line +FERRY \(Ferry\)$",
+        told.out,
+        re.MULTILINE,
     )
     assert re.search(
-        r"^CONVOY-1 +free +0:00:29\.\d+ +First ship of a convoy +CONVOY-2 \(Second .* behind\)$", told.out, re.MULTILINE
+        r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +First ship of a convoy +CONVOY-2 \(Second .* behind\)$",
+        told.out,
+        re.MULTILINE,
     )
-    assert told.out.splitlines()[-2:] == [
+    assert told.out.splitlines()[-3:] == [
         "SUB-1 (Submarine haven, deep): no departure within 2:00:00 clears CABLE (Cable works on the sea bed)",
         "SUB-2 (Submarine haven, shallow): no departure within 2:00:00 clears DIVING (Diving on a wreck)",
+        "clear, no margin",
     ]
+    exact = run("delays", "--scene", "strait", "--round", "0", "--tz", "Europe/Copenhagen").out
+    assert "DEPARTS (Europe/Copenhagen)" in exact
+    assert re.search(r"^TOW .* 2026-06-01 08:45 +08:56:17.337145 \(11 min 17.337145 s\) ", exact, re.MULTILINE)
     alone = run("delays", "TOW", "--scene", "strait", "--within", "30m").out
     assert re.search(
         r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY \(Ferry\)$", alone, re.MULTILINE
     )
-    assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split() == (
-        ["CONVOY-1", "free", "0:00:10", "or", "more", "First", "ship", "of", "a", "convoy"]
+    assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split()[4:] == (
+        ["0:00:10", "or", "more", "First", "ship", "of", "a", "convoy"]
     )
     soon, late = (run("delays", "--scene", "strait", "--now", f"2026-06-01T{now}Z") for now in ("06:40", "06:46"))
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +none +Tug.* FERRY \(Ferry\)$", soon.out, re.MULTILINE)
-    assert re.search(r"^TOW +conflict +departed +departed +Tug.* FERRY \(Ferry\)$", late.out, re.MULTILINE)
     assert re.search(
-        r"^CONVOY-1 +free +departed +departed +First ship of a convoy +CONVOY-2 \(.*\)$", late.out, re.MULTILINE
+        r"^TOW +conflict +2026-06-01 06:45 +06:57 \(12 min\) +none +Tug.* FERRY \(Ferry\)$", soon.out, re.MULTILINE
+    )
+    assert re.search(
+        r"^TOW +conflict +2026-06-01 06:45 +departed +departed +Tug.* FERRY \(Ferry\)$", late.out, re.MULTILINE
+    )
+    assert re.search(
+        r"^CONVOY-1 +free +2026-06-01 \S+ +departed +departed +First ship of a convoy +CONVOY-2 \(.*\)$",
+        late.out,
+        re.MULTILINE,
     )
     assert "SUB-1 (" not in late.out
     assert "CLEAR BY" not in soon.out
     wide, narrow = (run("delays", "--scene", "strait", "--clear-within-m", metres) for metres in ("20000", "100"))
     assert re.search(
-        r"^CONVOY-1 +free +0:00:29\.\d+ +\d+\.\d m +First ship of a convoy +CONVOY-2 \(.*\)$", wide.out, re.MULTILINE
+        r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +\d+\.\d m +First ship of a convoy +CONVOY-2 \(.*\)$",
+        wide.out,
+        re.MULTILINE,
     )
     assert re.search(
-        r"^CONVOY-1 +free +0:00:29\.\d+ +100 m or more +First ship of a convoy +CONVOY-2 \(.*\)$",
+        r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +100 m or more +First ship of a convoy +CONVOY-2 \(.*\)$",
         narrow.out,
         re.MULTILINE,
     )
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +Tug.* FERRY \(Ferry\)$", wide.out, re.MULTILINE)
+    assert re.search(r"^TOW +conflict .* +06:37 \(8 min\) +Tug.* FERRY \(Ferry\)$", wide.out, re.MULTILINE)
+
+
+DAY = Path(__file__).resolve().parents[1] / "support" / "skagerrak.geojson"
+
+
+def test_windows_margins_and_areas_in_clock_times(run: Run) -> None:
+    """The three best departures from 06 to 12 with five minutes of margin: the first is 10:42:26 without a margin."""
+    run("load", DAY)
+    ask = ("delays", "FERRY NORTH", "--scene", "skagerrak", "--from", "2026-12-01T06:00Z", "--to", "2026-12-01T12:00Z")
+    exact = run(*ask, "--best", "3", "--round", "0").out.splitlines()
+    assert "clear, no margin" in exact
+    assert "free    10:42:25.784273-12:00" in exact
+    found = run(*ask, "--best", "3", "--margin", "5m").out.splitlines()
+    assert found[1].startswith("FERRY NORTH  too close  2026-12-01 06:00  10:48 (4 h 48 min)  ")
+    assert found[3:] == [
+        "clear by 5 min",
+        "",
+        "free    10:48-12:00",
+        *(line for line in found if line.startswith("closed  06:0")),
+        "closed  08:17-10:48, by FERRY SOUTH (Morning ferry southbound)",
+    ]
+    # An area alone: when it would have to end.
+    tanker = run("delays", "TANKER", "--scene", "skagerrak", "--within", "8h", "--best", "1").out.splitlines()
+    assert "closed  06:41-08:02, by SURVEY-7 (Survey corridor); free if it ends at 07:40" in tanker
+    assert tanker[4] == "free    2026-11-30 21:30-2026-12-01 03:05"
+    area = run("delays", "EK D 382", "--scene", "skagerrak", "--within", "8h", "--margin", "0.5nmi").out
+    assert re.search(r"^EK D 382 +too close +2026-12-01 07:00 +09:39 \(2 h 39 min\) +04:44 \(2 h 16 min\) ", area, re.M)
+    assert "clear by 0.5 nmi" in area
+    for args, says in (
+        (("--best", "3"), "--from, --to and --best need a KEY"),
+        (("TANKER", "--margin", "20"), "must be a time such as 5m (minutes) or 90s, or a distance such as 0.5nmi"),
+        (("TANKER", "--round", "20"), "must be a duration with a unit"),
+        (("TANKER", "--from", "2026-12-01T06:00"), "needs an offset, such as Z or +02:00, or --tz"),
+    ):
+        refused = run("delays", *args, "--scene", "skagerrak")
+        assert (refused.code, refused.out) == (2, "")
+        assert says in refused.err
 
 
 def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:

@@ -1,5 +1,7 @@
 """Delays requested in SQL: a worker answers with the result of `scene.delays`, to the role that requested it."""
 
+import json
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from shapely import box
 
 from conflictdb import connect, store
 from conflictdb.jobs import probes
+from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]
@@ -73,6 +76,7 @@ def test_a_worker_answers_as_python_does(scene: Conn, dsn: str, key: str, is_det
         list(expected.blocked_by),
         [{**one, "by": list(one["by"])} for one in said["forbidden"]],
         *(said[name] for name in ("waits", "has_departed", "earliest_s", "latest_s")),
+        *(expected.departs_at, 0.0, 0.0, None, None),
     )
     assert bool(found[4]) is (key != "FAR")
     assert found[3] == (["BAR"] if key == "EAST" else [])
@@ -89,7 +93,7 @@ def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
             (expected,) = db.scene("s").delays("NORTH", now=np.datetime64(now_s * 1_000_000 + T0_US, "us"))
             said = expected.as_json()
             assert found[1:4] == (said["least_later_s"], said["least_earlier_s"], list(said["blocked_by"]))
-            assert found[5:] == (False, now_s > 0, said["earliest_s"], said["latest_s"])
+            assert found[5:9] == (False, now_s > 0, said["earliest_s"], said["latest_s"])
             assert (found[2] is not None) == is_offered
     # A row that a reader inserts is answered.
     insert = "INSERT INTO conflictdb.probe_request (scene_id, kind, options) SELECT scene_id, 'delays', "
@@ -98,7 +102,7 @@ def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
     row = scene.execute(insert.encode()).fetchone()
     scene.commit()
     assert row is not None
-    assert answered(scene, dsn, row[0])[5:] == (False, False, -3600.0, 3600.0)
+    assert answered(scene, dsn, row[0])[5:9] == (False, False, -3600.0, 3600.0)
     state, text = refused(scene, "SELECT conflictdb.request_delays('s', 'NORTH', p_now => 'infinity')")
     assert (state, "now: must be an instant in the years 1 to 9999, or null; got infinity" in text) == (
         "ZC003",
@@ -106,12 +110,47 @@ def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
     ), text
 
 
+def test_margins_and_windows_are_those_of_python(scene: Conn, dsn: str) -> None:
+    """Of a track and of an area; hostile options are refused."""
+    scene.execute(
+        "SELECT conflictdb.put_area('s', 'BAR', ST_MakeEnvelope(0.45, -0.01, 0.46, 0.01, 4326), "
+        "tstzrange(to_timestamp(%s), to_timestamp(%s)))",
+        [T0_US // 1_000_000, T0_US // 1_000_000 + 3600],
+    )
+    scene.commit()
+    ask = "SELECT conflictdb.request_delays('s', %s, p_margin => '5 min', p_margin_m => 926, "
+    ask += "p_from => to_timestamp(%s), p_to => to_timestamp(%s), p_best => 2)"
+    start, end = (EPOCH + T0_US * MICROSECOND + timedelta(hours=hours) for hours in (-1, 4))
+    for key in ("EAST", "BAR"):
+        row = scene.execute(ask, [key, start.timestamp(), end.timestamp()]).fetchone()
+        scene.commit()
+        assert row is not None
+        found = answered(scene, dsn, row[0])
+        with connect(dsn) as db:
+            (expected,) = db.scene("s").delays(key, margin_s=300.0, margin_m=926.0, start=start, end=end, best=2)
+        said = json.loads(json.dumps(expected.as_json()))
+        assert found[0] == key
+        assert found[9:] == (expected.departs_at, 300.0, 926.0, said["slots"], said["closed"])
+        assert found[12]
+        assert found[13]
+    for options, state in (
+        ("p_margin => '-1 s'", "ZC003"),
+        ("p_margin => '200 years'", "ZC003"),
+        ("p_margin_m => -1", "ZC003"),
+        ("p_margin_m => 'NaN'", "ZC016"),
+        ("p_margin_m => 'infinity'", "ZC016"),
+        ("p_from => 'infinity'", "ZC016"),
+        ("p_best => 0", "ZC003"),
+    ):
+        found_state, text = refused(scene, f"SELECT conflictdb.request_delays('s', 'EAST', {options})")
+        assert found_state == state, text
+
+
 def test_what_cannot_be_asked_is_refused(scene: Conn, dsn: str) -> None:
     """Unknown tracks, areas, and horizons that are negative, endless or absent; a removed track when it is answered."""
     for key, horizon, state, says in (
-        ("WEST", "2 hours", "ZC011", "track 'WEST': key: is not a track of scene 's'"),
-        ("BAR", "2 hours", "ZC011", "is not a track"),
-        (None, "2 hours", "ZC011", "track NULL"),
+        ("WEST", "2 hours", "ZC011", "object 'WEST': key: is not a track or an area of scene 's'"),
+        (None, "2 hours", "ZC011", "object NULL"),
         ("EAST", "-1 second", "ZC003", "horizon: must be an interval"),
         ("EAST", "200 years", "ZC003", "horizon"),
         ("EAST", None, "ZC003", "horizon"),

@@ -4,6 +4,7 @@ import json
 import runpy
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -288,9 +289,8 @@ def test_what_is_not_stored_is_computed(crossing: Crossing) -> None:
     assert known.delays("EAST", 2 * WITHIN_S) == conflictdb.delays(tracks, areas, settings, "EAST", 2 * WITHIN_S)
     assert known.delays("WAITS", waypoint=2) == conflictdb.delays(tracks, areas, settings, "WAITS", waypoint=2)
     assert known.delays("EAST", 60.0, clear_within_m=1000.0)[0].clear_by_m == 0.0
-    for key in ("BAR", "nobody"):
-        with pytest.raises(InvalidInput, match=r"is not known|does not depart"):
-            known.delays(key, WITHIN_S)
+    with pytest.raises(InvalidInput, match="is not known"):
+        known.delays("nobody", WITHIN_S)
 
 
 def test_a_worker_looks_up_too(crossing: Crossing, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,6 +305,8 @@ def test_a_worker_looks_up_too(crossing: Crossing, monkeypatch: pytest.MonkeyPat
     query = "SELECT to_json(d.*) FROM conflictdb.wait_for_delays(%s) d"
     [(found,)] = db.connection.execute(query, [question]).fetchall()
     said = {name: value for name, value in expected.as_json().items() if name[:6] != "clear_"}
+    assert datetime.fromisoformat(found.pop("departs_at")) == expected.departs_at
+    assert said.pop("departs_at")
     assert found == json.loads(json.dumps(said))  # lists, not tuples
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from mixed_scenes import Mixed, mixed_scene
@@ -44,6 +44,9 @@ _ROUNDING_S: Final = 2e-6
 
 class NotApplicable(Exception):
     """The path has nothing to compare in this scene."""
+
+
+Plan = TypeVar("Plan", Area, Track)
 
 
 @dataclass
@@ -105,10 +108,19 @@ class Case:
         met = {key for pair, row in self.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
         return max(fits, key=lambda track: (track.key in met, track.key == self.mixed.plan_key, track.key))
 
-    def met_after(self, moved: Track) -> set[str]:
-        """Return the keys that a changed track meets, everything else as planned; also grazing or unresolved."""
-        tracks = [moved if track.key == moved.key else track for track in self.mixed.tracks]
-        rows = solved(tracks, self.mixed.areas, replace(self.scene, nearest_m=0.0))
+    def single_area(self) -> Area:
+        """Return an area that is active at some times only, with several activations and in conflict if possible."""
+        fits = [one for one in self.mixed.areas if one.schedule or one.spans_us or one.start_us or one.end_us]
+        if not fits:
+            raise NotApplicable("no area has a start or an end")
+        met = {key for pair, row in self.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
+        return max(fits, key=lambda area: (bool(area.schedule or area.spans_us), area.key in met, area.key))
+
+    def met_after(self, moved: Area | Track) -> set[str]:
+        """Return the keys that a changed object meets, everything else as planned; also grazing or unresolved."""
+        tracks = [moved if isinstance(moved, Track) and one.key == moved.key else one for one in self.mixed.tracks]
+        areas = [moved if isinstance(moved, Area) and one.key == moved.key else one for one in self.mixed.areas]
+        rows = solved(tracks, areas, replace(self.scene, nearest_m=0.0))
         return {key for pair in only_of(rows, {moved.key}) for key in pair} - {moved.key}
 
 
@@ -206,9 +218,9 @@ def _near(one: datetime | None, two: datetime | None, error_s: float) -> bool:
     return abs(one - two) <= timedelta(seconds=error_s)
 
 
-def delayed(track: Track, by_us: int) -> Track:
-    """Return a track that departs later; its windows are as much later."""
-    return later(track, by_us)
+def delayed(one: Plan, by_us: int) -> Plan:
+    """Return a track that departs later, its windows as much later; or an area whose activations all are later."""
+    return later(one, by_us)
 
 
 def at_speed(track: Track, factor: float) -> Track:

@@ -27,6 +27,7 @@ from memory_paths import (
     claims_of_delays,
     claims_of_resolve,
     claims_of_speeds,
+    with_activations,
     with_closed_areas,
     with_other_days,
 )
@@ -523,7 +524,7 @@ def delays_stored(case: StoredCase) -> Finding:
     return finding
 
 
-def _same_delays(case: Case, stored: Delays, computed: Delays, track: Track, within_s: float) -> Finding:
+def _same_delays(case: Case, stored: Delays, computed: Delays, track: Area | Track, within_s: float) -> Finding:
     """Compare delays with those of memory, whose claims are checked; without a fixed plane, check the claims."""
     if not case.has_fixed_plane:
         return claims_of_delays(case, stored, track, within_s)
@@ -540,6 +541,17 @@ def delays_by_key(case: StoredCase) -> Finding:
         [stored] = scene.delays(track.key, DAYS_S)
         [computed] = delays_in_memory(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, DAYS_S)
     return _same_delays(beyond, stored, computed, track, DAYS_S)
+
+
+def area_delays_by_key(case: StoredCase) -> Finding:
+    """`delays(key)` of a stored area: those of memory."""
+    area = case.single_area()
+    with case.passing("area delays", case.mixed.objects) as scene, idle_schedules():
+        case.detect(scene)
+        [stored] = scene.delays(area.key, HOURS_S)
+        [computed] = delays_in_memory(case.mixed.tracks, case.mixed.areas, case.scene, area.key, HOURS_S)
+    fixed, expanded = with_activations(case, area, HOURS_S)
+    return _same_delays(fixed, stored, computed, expanded, HOURS_S)
 
 
 def delays_in_sql(case: StoredCase) -> Finding:
@@ -671,6 +683,7 @@ DATABASE_PATHS: Final = {
     "explain": explain,
     "stored delays": delays_stored,
     "delays of a stored scene": delays_by_key,
+    "delays of a stored area": area_delays_by_key,
     "request_delays": delays_in_sql,
     "speeds of a stored scene": speeds_by_key,
     "resolve a stored scene": resolve_stored,

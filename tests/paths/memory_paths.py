@@ -12,11 +12,13 @@ from layouts import Hubs
 from scene_features import DAY_US
 
 from conflictdb import Index, chances, delays, detours, resolve, solve, speeds
+from conflictdb.core.world import Reach, World
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.memory.resolve import moved
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Proposal
+from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict, Delays, Forbidden, Speeds, Verdict
 
 METRES_PER_DEGREE: Final = Hubs.METRES_PER_DEGREE
@@ -127,7 +129,32 @@ def _once(from_us: int, lasts_s: int) -> dict[str, str]:
     return {"rrule": f"DTSTART:{start:%Y%m%dT%H%M%SZ}\nRRULE:FREQ=DAILY;COUNT=1", "duration": f"PT{lasts_s}S"}
 
 
-def claims_of_delays(case: Case, answer: Delays, track: Track, within_s: float) -> Finding:
+def area_delays_in_memory(case: Case) -> Finding:
+    """`delays` of one area: forbidden delays of its activations conflict, free ones do not."""
+    area, finding = case.single_area(), Finding()
+    for within_s in (HOURS_S, DAYS_S):
+        with idle_schedules():
+            [answer] = delays(case.mixed.tracks, case.mixed.areas, case.scene, area.key, within_s)
+        fixed, expanded = with_activations(case, area, within_s)
+        finding.add(claims_of_delays(fixed, answer, expanded, within_s))
+    return finding
+
+
+def with_activations(case: Case, area: Area, within_s: float) -> tuple[Case, Area]:
+    """Return the scene, and an area, with the activations that a question has which moves the area.
+
+    Schedules do not follow an area that moves: copies of it meet these activations.
+    """
+    beside = case.mixed.areas if area.schedule is not None else [area]
+    reach = Reach.either(round(1e6 * within_s))
+    world = World.of(case.scene, case.mixed.areas, case.mixed.tracks, reach=reach, moved=beside)
+    areas, tracks = world.expanded(case.mixed.areas, case.mixed.tracks)
+    areas, tracks = ([later(one, 0) for one in some] for some in (areas, tracks))
+    fixed = Case(replace(case.mixed, areas=areas, tracks=tracks), case.folder)
+    return fixed, next(one for one in areas if one.key == area.key)
+
+
+def claims_of_delays(case: Case, answer: Delays, track: Area | Track, within_s: float) -> Finding:
     """Check the claims of delays by moving the track and solving again."""
     finding, whole_us = Finding(), round(1e6 * within_s)
     for at_us, is_free, one in _delays_to_check(answer, -whole_us, whole_us):
@@ -340,6 +367,7 @@ MEMORY_PATHS: Final = {
     "GeoDataFrames": frames,
     "Index": index,
     "delays": delays_in_memory,
+    "delays of an area": area_delays_in_memory,
     "delays at a waypoint": waits_in_memory,
     "speeds": speeds_in_memory,
     "detours": detours_in_memory,

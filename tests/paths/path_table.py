@@ -38,7 +38,7 @@ GROUPS_IN_DATABASE: Final[Mapping[str, tuple[str, ...]]] = {
     "probes": ("detect, full", "probe", "probe, several plans", "probe by a worker", "request_probe", "explain"),
     "changes": ("detect, few changes", "detect, two transactions", "detect, stepwise"),
     "admissions": ("put_area, put_track", "attached tables", "probe, undetected objects", "admit", "admit in SQL"),
-    "delays": ("delays of a stored scene", "request_delays", "speeds of a stored scene"),
+    "delays": ("delays of a stored scene", "delays of a stored area", "request_delays", "speeds of a stored scene"),
     "proposals": ("branch, edit, merge", "stored delays", "resolve a stored scene"),
     "files": tuple(name for name in IN_DATABASE if name in FILE_PATHS),
 }

@@ -159,6 +159,7 @@ def test_the_json_has_the_documented_members() -> None:
     assert list(found) == [
         *("key", "forbidden", "least_later_s", "least_earlier_s", "blocked_by"),
         *("waits", "has_departed", "earliest_s", "latest_s", "clear_within_m", "clear_by_m", "clear_error_m"),
+        *("departs_at", "margin_s", "margin_m", "slots", "closed"),
     ]
     assert list(found["forbidden"][0]) == ["from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"]
 
@@ -364,8 +365,26 @@ def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
 def test_other_input_is_refused() -> None:
     with pytest.raises(InvalidInput, match="'south' is not known"):
         delays([EAST], [], SCENE, "south")
+    with pytest.raises(InvalidInput, match="clear_within_m: is of tracks: 'closed' is an area"):
+        delays([EAST], [area("closed")], SCENE, "closed", clear_within_m=1.0)
     with pytest.raises(InvalidInput, match="'closed' is an area, which does not depart"):
-        delays([EAST], [area("closed")], SCENE, "closed")
+        delays([EAST], [area("closed")], SCENE, "closed", waypoint=1)
+    for start, end in ((EAST.times_us[0], None), (None, EAST.times_us[0])):
+        with pytest.raises(InvalidInput, match="start: needs the key of one track or area"):
+            delays([EAST, NORTH], [], SCENE, start=start, end=end)
+    with pytest.raises(InvalidInput, match="'closed': start: is for a plan with a departure of its own"):
+        delays([EAST], [area("closed")], SCENE, "closed", start=EAST.times_us[0])
+    with pytest.raises(InvalidInput, match="start: must not be after end"):
+        delays([EAST], [], SCENE, "east", start=EAST.times_us[1], end=EAST.times_us[0])
+    for name in ("margin_s", "margin_m"):
+        for given in (-1.0, float("nan"), float("inf"), "5m", True):
+            with pytest.raises(InvalidInput, match=f"{name}: must be"):
+                delays([EAST], [], SCENE, **{name: given})  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="time_separation_s: with the margin it must be"):
+        delays([EAST], [], SCENE, margin_s=1e8)
+    for best in (0, -1, 1.5, True):
+        with pytest.raises(InvalidInput, match="best: must be"):
+            delays([EAST], [], SCENE, "east", best=best)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="are they swapped"):
         delays([area("closed")], [EAST], SCENE)  # type: ignore[list-item]
     with pytest.raises(InvalidInput, match="occurs more than once"):

@@ -196,10 +196,15 @@ def _add_questions(commands: Any) -> None:
     add_options(parser, "--require-current", "--jobs", "--fail-on-conflict")
     add_format(parser, *FORMATS)
 
-    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead")
-    parser.add_argument("key", nargs="?", metavar="KEY", help="default: every track")
+    more = "An area departs when it is first active."
+    parser = command(commands, "delays", "delaying:delays", "say when plans could depart instead", more)
+    parser.add_argument("key", nargs="?", metavar="KEY", help="track or area (default: every track)")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
+    parser.add_argument("--from", dest="start", type=time, metavar="TIME", help="free windows from TIME, of KEY")
+    parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="free windows until TIME")
+    parser.add_argument("--best", type=count, metavar="N", help="windows nearest to the plan")
+    add_options(parser, "--margin", "--round", "--tz")
     parser.add_argument("--clear-within-m", type=metres, metavar="M", help="show how far it stays clear")
     parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before")
     parser.add_argument("--waypoint", type=count, metavar="N", help="wait there instead")
