@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "60c383fff5fff175e3110ed95419b588856bb3c743cc0379a34bca696cb0ced7"
+routines_sha256 = "5698e88cc658b1af13201f9233b84d54e8f19a4c8071a39fbcc8fb1c8981c7dc"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

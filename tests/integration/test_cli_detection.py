@@ -786,7 +786,7 @@ def test_windows_margins_and_areas_in_clock_times(run: Run) -> None:
     # An area alone: when it would have to end.
     tanker = run("delays", "TANKER", "--scene", "skagerrak", "--within", "8h", "--best", "1").out.splitlines()
     assert "closed  06:41-08:02, by SURVEY-7 (Survey corridor); free if it ends at 07:40" in tanker
-    assert tanker[4] == "free    2026-11-30 21:30-2026-12-01 03:05"
+    assert tanker[5] == "free    2026-11-30 21:30-2026-12-01 03:05"
     area = run("delays", "EK D 382", "--scene", "skagerrak", "--within", "8h", "--margin", "0.5nmi").out
     assert re.search(r"^EK D 382 +too close +2026-12-01 07:00 +09:39 \(2 h 39 min\) +04:44 \(2 h 16 min\) ", area, re.M)
     assert "clear by 0.5 nmi" in area
