@@ -490,7 +490,8 @@ SQL: Final = f"""\
 
 Everything is in the schema `conflictdb`; `\\df conflictdb.*` in psql lists its routines. The schema
 `conflictdb_internal` is private; its names begin with an underscore. Each role may do what the one before it may:
-`conflictdb_reader`, `conflictdb_editor`, `conflictdb_worker`; nothing is granted to PUBLIC. Geometries are longitude
+`conflictdb_reader`, `conflictdb_editor`, `conflictdb_worker`; `conflictdb_tracker` inserts positions and does nothing
+else, and an editor may do the same; nothing is granted to PUBLIC. Geometries are longitude
 and latitude in degrees, SRID 4326, unless it is said otherwise. [schema.sql](schema.sql) describes both schemas.
 """
 ROLES: Final = {
@@ -503,6 +504,7 @@ ROLES: Final = {
             "map_conflicts",
             "approaches",
             "conflict_events",
+            "live",
             "acknowledgements",
             "scenes",
             "proposals",
@@ -515,6 +517,7 @@ ROLES: Final = {
             "shares",
         ],
     ),
+    "To report positions: conflictdb_tracker": ("conflictdb_tracker", ["position"]),
     "To plan: conflictdb_editor": ("conflictdb_editor", ["scene", "area", "track"]),
     "To detect: conflictdb_worker": (
         "conflictdb_worker",
@@ -523,6 +526,7 @@ ROLES: Final = {
             *("attachment", "attached_relation", "attached_change", "attached_object"),
             *("probe_request", "probe_reply", "worker_stamp", "upper_limit", "edit", "edit_seal"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
+            *("live_state", "position_look"),
             *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule", "branch_edit"),
         ],
     ),
@@ -561,7 +565,7 @@ ORDER BY p.proname
 """
 TABLES: Final = """
 SELECT c.relname FROM pg_class c
-WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v')
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'p', 'v')
 """
 WRITES: Final = r"(?:INSERT INTO|DELETE FROM|\bUPDATE) (?:conflictdb\.)?(\w+)"
 READS: Final = r"\b(?:FROM|JOIN|USING) (?:\(SELECT \w+\.\w+ FROM )?(?:conflictdb\.)?(pg_catalog\.\w+|\w+)"

@@ -106,12 +106,12 @@ COMMENT ON FUNCTION _shares(text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._protected_tables() RETURNS SETOF regclass
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Probes and shares always have row-level security. Workers, limits and seals belong to no scene.
+    -- Probes and shares always have row-level security. Workers, looks, limits and seals belong to no scene.
     -- By the schema's name: PostgreSQL 18 cannot move a routine that depends on the schema in its body, too.
     SELECT c.oid::regclass FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
-    WHERE n.nspname = 'conflictdb' AND c.relkind = 'r'
+    WHERE n.nspname = 'conflictdb' AND c.relkind IN ('r', 'p')
       AND c.relname NOT IN ('alembic_version', 'probe_request', 'probe_reply', 'scene_share', 'worker_stamp',
-                            'upper_limit', 'edit_seal');
+                            'upper_limit', 'edit_seal', 'position_look');
 END;
 COMMENT ON FUNCTION _protected_tables() IS 'Tables whose rows belong to scenes.';
 

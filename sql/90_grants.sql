@@ -152,6 +152,16 @@ GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_pr
                           _check_attached_rows
     TO conflictdb_editor;
 
+-- Feeds insert positions, and do nothing else; policies read which scenes they may write.
+GRANT USAGE ON SCHEMA conflictdb, conflictdb_internal TO conflictdb_tracker;
+GRANT INSERT (scene, key, instant, place, height_m, error_m) ON position TO conflictdb_tracker;
+GRANT SELECT ON _accessible TO conflictdb_tracker;
+GRANT EXECUTE ON FUNCTION _writable_scenes TO conflictdb_tracker;
+GRANT TRUNCATE ON position_0, position_1, position_2, position_3, position_4, position_5, position_6, position_7
+    TO conflictdb_worker;
+GRANT INSERT, UPDATE, DELETE ON live_state TO conflictdb_worker;
+GRANT INSERT, UPDATE (seen) ON position_look TO conflictdb_worker;
+
 -- Workers write the derived tables.
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply,
                                 worker_stamp

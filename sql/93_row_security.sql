@@ -38,7 +38,8 @@ BEGIN
         v_removable := CASE v_table::text WHEN 'scene' THEN c_owned ELSE v_writable END;
         FOR v_one IN SELECT * FROM (VALUES
             ('read', 'SELECT TO conflictdb_reader', v_readable, NULL),
-            ('add', 'INSERT TO conflictdb_editor', NULL, v_addable),
+            ('add', 'INSERT TO ' || CASE v_table WHEN 'conflictdb.position'::regclass THEN 'conflictdb_tracker'
+                                                 ELSE 'conflictdb_editor' END, NULL, v_addable),
             ('change', 'UPDATE TO conflictdb_editor', v_writable,
              CASE v_table::text WHEN 'scene' THEN 'true' ELSE v_writable END),
             ('remove', 'DELETE TO conflictdb_editor', v_removable, NULL),

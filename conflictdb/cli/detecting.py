@@ -2,6 +2,9 @@
 
 import argparse
 import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC
 from itertools import chain
 from typing import TYPE_CHECKING, Final
@@ -20,15 +23,17 @@ from conflictdb.cli.load_report import (
     run_text,
 )
 from conflictdb.cli.meter import shown_phases
-from conflictdb.cli.output import data, note, out, remark
+from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
-from conflictdb.cli.tables import show_table, wrapped
+from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.errors import InvalidInput
+from conflictdb.model.results import format_moment
 from conflictdb.model.settings import STORED_BY_DETECT, given
 
 if TYPE_CHECKING:
     from conflictdb.client.stored_scene import StoredScene
+    from conflictdb.store import LiveTrack
 
 # Options that need files.
 _FOR_FILES: Final = (
@@ -100,6 +105,13 @@ def conflicts(args: argparse.Namespace) -> int:
         with database(args) as db:
             print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format, shown=shown)
         return DONE
+    if args.live:
+        selected = args.at is not None or any(one is not None for one in which.values())
+        others = selected or args.wait is not None or args.require_current or args.format not in ("table", "json")
+        check(args, [(others, "--live goes with --format table or json, --scene and --tz alone")])
+        with database(args) as db:
+            _print_live(db.scene(args.scene).live(), args)
+        return DONE
     with database(args) as db:
         wait(db, args)
         found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
@@ -109,6 +121,33 @@ def conflicts(args: argparse.Namespace) -> int:
         if args.since is not None:
             _print_gone(db.scene(args.scene), args)
     return listed(found.state)
+
+
+def _print_live(found: "Sequence[LiveTrack]", args: argparse.Namespace) -> None:
+    """Print how tracks keep their plans."""
+    if args.format == "json":
+        ends = ("instant", "as_of")
+        print_json([asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found])
+        return
+    shown = Shown(args.tz or UTC)
+    header = ["KEY", "STATE", "LATE", "OFF", shown.header("LAST POSITION")]
+    lines = [
+        [
+            one.key,
+            one.state,
+            None if one.late_from_s is None or one.late_to_s is None else _lateness(one.late_from_s, one.late_to_s),
+            None if one.off_m is None else f"{one.off_m:,.0f} m",
+            shown.moment(one.instant, up=False),
+        ]
+        for one in found
+    ]
+    out(table(header, lines, right=header[2:4], whole=header[4:]) if found else "no positions")
+
+
+def _lateness(from_s: float, to_s: float) -> str:
+    """Return an interval of latenesses in minutes, rounded outward."""
+    least, most = math.floor(from_s / 60.0), math.ceil(to_s / 60.0)
+    return f"{least:+d} to {most:+d} min" if least != most else f"{least:+d} min"
 
 
 def _print_gone(scene: "StoredScene", args: argparse.Namespace) -> None:

@@ -6,22 +6,55 @@ from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
-from conflictdb.cli.output import binary, data, line, out, print_json, warnings_as_remarks
+from conflictdb.cli.output import binary, data, line, out, print_json, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
+from conflictdb.formats.hints import FileHints
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
+
+# Ids that a remark lists.
+_MOST_NAMED = 10
 
 
 def load(args: argparse.Namespace) -> int:
     """Load files."""
+    if args.positions:
+        return _load_positions(args)
     with database(args) as db:
         loaded = load_files(db, args)
     remark_loaded(loaded)
     for one in loaded:
         out(loaded_text(one))
     return LEFT_OUT if any(one.invalid for one in loaded) else DONE
+
+
+def _load_positions(args: argparse.Namespace) -> int:
+    """Insert the positions of files."""
+    given = {"--replace": args.replace, "--layer": args.layer, "--haven": args.haven, "--speed-kn": args.speed_kn}
+    given |= {"--departure": args.departure, "--max-gap": args.max_gap, "--max-speed-kn": args.max_speed_kn}
+    given |= {"--skip-invalid": args.skip_invalid, "--unbounded-heights": args.unbounded_heights}
+    others = [name for name, value in given.items() if value]
+    check(
+        args,
+        [
+            (args.scene is None, "--positions needs --scene"),
+            (bool(others), f"--positions and {''.join(others[:1])} exclude each other"),
+        ],
+    )
+    hints = FileHints(args.map or {}, args.time_zone and str(args.time_zone))
+    with database(args) as db:
+        for file in args.files:
+            loaded = db.scene(args.scene).load_positions(file, max_file_mb=args.max_file_mb, hints=hints)
+            out(f"{args.scene}: {loaded.positions:,} positions of {loaded.tracks:,} tracks")
+            if loaded.unknown:
+                named = ", ".join(repr(key) for key in loaded.unknown[:_MOST_NAMED])
+                more = ", …" if len(loaded.unknown) > _MOST_NAMED else ""
+                remark(f"{file}: {len(loaded.unknown):,} ids are no tracks of the scene, and left out: {named}{more}")
+            if loaded.left_out:
+                remark(f"{file}: {loaded.left_out:,} rows without a time or a place are left out")
+    return DONE
 
 
 def export(args: argparse.Namespace) -> int:

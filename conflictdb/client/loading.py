@@ -17,7 +17,7 @@ from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
-from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_parts
+from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_observed, read_parts
 from conflictdb.formats.scene_file import LateMembersError
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
@@ -294,3 +294,34 @@ def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], 
     except InvalidInput as refused:
         return refused.at(source)
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedPositions:
+    """What was inserted of a file of positions.
+
+    positions, tracks : how many positions, and of how many tracks
+    unknown : ids that are no tracks of the scene, whose positions are left out
+    left_out : positions without a time or a place
+    """
+
+    positions: int
+    tracks: int
+    unknown: tuple[str, ...]
+    left_out: int
+
+
+def load_positions(
+    conn: "psycopg.Connection[Any]", scene: str, path: str | Path, max_file_mb: float | None, hints: FileHints | None
+) -> LoadedPositions:
+    """Insert the positions of a file, as `StoredScene.load_positions`."""
+    fixes, left_out = read_observed(path, max_file_mb=max_file_mb, hints=hints)
+    with store.transaction(conn):
+        unknown = store.unknown_tracks(conn, scene, list(fixes))
+        known = {key: own for key, own in fixes.items() if key not in unknown and own.times_us}
+        keys = [key for key, own in known.items() for _ in own.times_us]
+        if keys:
+            at_us = np.array([at for own in known.values() for at in own.times_us], np.int64)
+            lonlat = np.array([place for own in known.values() for place in own.positions_deg], np.float64)
+            store.insert_positions(conn, scene, keys, at_us, lonlat)
+    return LoadedPositions(len(keys), len(known), tuple(sorted(unknown)), sum(map(len, left_out.values())))

@@ -38,8 +38,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from conflictdb.client.advise import Advice
+    from conflictdb.client.loading import LoadedPositions
     from conflictdb.core.depths import DeepestContact
     from conflictdb.core.funnel import Progress
+    from conflictdb.formats.hints import FileHints
     from conflictdb.jobs.detect import Phase, Run
     from conflictdb.jobs.import_computed import WrittenBack
     from conflictdb.model import inputs
@@ -446,6 +448,22 @@ class StoredScene:
         from conflictdb.client import loading
 
         return loading.put(self.connection, self.name, _plans("put", plan), settings)
+
+    def load_positions(
+        self, path: str | Path, *, max_file_mb: float | None = None, hints: "FileHints | None" = None
+    ) -> "LoadedPositions":
+        """Insert the observed positions of a file (CSV, as of AIS, or tracks of GPX), all or none.
+
+        Positions of ids that are no tracks of the scene are left out, and counted. Workers compare the others with the
+        plans. Raises InvalidInput as `read`, and for positions in the future.
+        """
+        from conflictdb.client.loading import load_positions
+
+        return load_positions(self.connection, self.name, path, max_file_mb, hints)
+
+    def live(self) -> "list[store.LiveTrack]":
+        """Return how tracks with positions keep their plans, as workers found it; those that do not first."""
+        return store.live(self.connection, self.name)
 
     def admit(
         self,

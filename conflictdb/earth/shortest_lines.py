@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import WGS84_FLATTENING, WGS84_RADIUS_M, shorter_way_deg
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, shorter_way_deg
+from conflictdb.model.settings import EarthModel
 
 Floats = NDArray[np.float64]
 
@@ -150,3 +151,38 @@ def _excess(first: Floats, azimuth: Floats, sine: Floats, sigma: Floats) -> Floa
     return np.asarray(
         (1.0 - c) * f * sine * (sigma + c * np.sin(sigma) * (middle + c * np.cos(sigma) * (2.0 * middle**2 - 1.0)))
     )
+
+
+def places_at(
+    lon_deg: Floats | float, lat_deg: Floats | float, distance_m: Floats | float, azimuth: Floats, earth: EarthModel
+) -> tuple[Floats, Floats]:
+    """Return longitude and latitude, degrees, at a distance along geodesics of azimuths, radians from north.
+
+    Arrays have a common shape, by broadcasting.
+
+    T. Vincenty, "Direct and inverse solutions of geodesics on the ellipsoid", Survey Review 23 (1975), eqs. 1-11.
+    """
+    is_round = earth == EarthModel.SPHERE
+    radius, f = (MEAN_RADIUS_M, 0.0) if is_round else (WGS84_RADIUS_M, WGS84_FLATTENING)
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    reduced = np.arctan((1.0 - f) * np.tan(np.radians(np.clip(lat_deg, -90.0, 90.0))))
+    sin_u, cos_u = np.sin(reduced), np.cos(reduced)
+    sigma_1 = np.arctan2(sin_u, cos_u * cosine)
+    sin_alpha = cos_u * sine
+    cos2_alpha = 1.0 - sin_alpha**2
+    big_a, big_b = series(cos2_alpha, f)
+    first = distance_m / (radius * (1.0 - f) * big_a)
+    sigma = first
+    for _ in range(8):  # each step gains three digits
+        middle = np.cos(2.0 * sigma_1 + sigma)
+        sigma = first + arc_difference(big_b, middle, sigma)
+    middle = np.cos(2.0 * sigma_1 + sigma)
+    sin_s, cos_s = np.sin(sigma), np.cos(sigma)
+    lat = np.arctan2(
+        sin_u * cos_s + cos_u * sin_s * cosine,
+        (1.0 - f) * np.hypot(sin_alpha, sin_u * sin_s - cos_u * cos_s * cosine),
+    )
+    turn = np.arctan2(sin_s * sine, cos_u * cos_s - sin_u * sin_s * cosine)
+    c = f / 16.0 * cos2_alpha * (4.0 + f * (4.0 - 3.0 * cos2_alpha))
+    turn -= (1.0 - c) * f * sin_alpha * (sigma + c * sin_s * (middle + c * cos_s * (2.0 * middle**2 - 1.0)))
+    return lon_deg + np.degrees(turn), np.degrees(lat)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import shorter_way_deg
-from conflictdb.earth.shortest_lines import LEAST_CURVED_M
-from conflictdb.formats.discs import places_at
+from conflictdb.earth.shortest_lines import LEAST_CURVED_M, places_at
 from conflictdb.model.plans import EarthModel
 
 Floats = NDArray[np.float64]

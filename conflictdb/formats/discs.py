@@ -22,7 +22,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
-from conflictdb.earth.shortest_lines import arc_difference, series
+from conflictdb.earth.shortest_lines import places_at
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import (
     MAX_LATITUDE_DEG,
@@ -156,36 +156,3 @@ def _ring(lon: Floats, lat: Floats, centre_lat: float, wider_m: float) -> shapel
 def _around(lon_deg: float, lat_deg: float, distance_m: float, count: int, earth: EarthModel) -> tuple[Floats, Floats]:
     """Return longitude and latitude (count,) at a distance, in evenly spread directions."""
     return places_at(lon_deg, lat_deg, distance_m, 2.0 * np.pi * np.arange(count) / count, earth)
-
-
-def places_at(
-    lon_deg: float, lat_deg: float, distance_m: float, azimuth: Floats, earth: EarthModel
-) -> tuple[Floats, Floats]:
-    """Return longitude and latitude (n,), degrees, at a distance along geodesics of azimuths (n,), radians from north.
-
-    T. Vincenty, "Direct and inverse solutions of geodesics on the ellipsoid", Survey Review 23 (1975), eqs. 1-11.
-    """
-    is_round = earth == EarthModel.SPHERE
-    radius, f = (MEAN_RADIUS_M, 0.0) if is_round else (WGS84_RADIUS_M, WGS84_FLATTENING)
-    sine, cosine = np.sin(azimuth), np.cos(azimuth)
-    reduced = np.arctan((1.0 - f) * np.tan(np.radians(np.clip(lat_deg, -90.0, 90.0))))
-    sin_u, cos_u = np.sin(reduced), np.cos(reduced)
-    sigma_1 = np.arctan2(sin_u, cos_u * cosine)
-    sin_alpha = cos_u * sine
-    cos2_alpha = 1.0 - sin_alpha**2
-    big_a, big_b = series(cos2_alpha, f)
-    first = distance_m / (radius * (1.0 - f) * big_a)
-    sigma = first
-    for _ in range(8):  # each step gains three digits
-        middle = np.cos(2.0 * sigma_1 + sigma)
-        sigma = first + arc_difference(big_b, middle, sigma)
-    middle = np.cos(2.0 * sigma_1 + sigma)
-    sin_s, cos_s = np.sin(sigma), np.cos(sigma)
-    lat = np.arctan2(
-        sin_u * cos_s + cos_u * sin_s * cosine,
-        (1.0 - f) * np.hypot(sin_alpha, sin_u * sin_s - cos_u * cos_s * cosine),
-    )
-    turn = np.arctan2(sin_s * sine, cos_u * cos_s - sin_u * sin_s * cosine)
-    c = f / 16.0 * cos2_alpha * (4.0 + f * (4.0 - 3.0 * cos2_alpha))
-    turn -= (1.0 - c) * f * sin_alpha * (sigma + c * sin_s * (middle + c * cos_s * (2.0 * middle**2 - 1.0)))
-    return lon_deg + np.degrees(turn), np.degrees(lat)

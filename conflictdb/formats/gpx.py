@@ -99,8 +99,24 @@ def read_gpx(
     return contents
 
 
-def _segments(root: Element, stem: str, missing: dict[tuple[str, str], list[int]]) -> Iterator[tuple[str, Fixes]]:
-    """Yield the key and the fixes of each segment of each track; points without a time are noted as missing."""
+def gpx_fixes(root: Element, stem: str) -> tuple[dict[str, Fixes], dict[tuple[str, str], list[int]]]:
+    """Return the fixes of the tracks of a GPX file by key, and the numbers of the points that are left out."""
+    found: dict[str, Fixes] = {}
+    missing: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for key, fixes in _segments(root, stem, missing, is_joined=True):
+        own = found.setdefault(key, Fixes())
+        own.times_us += fixes.times_us
+        own.positions_deg += fixes.positions_deg
+    return found, missing
+
+
+def _segments(
+    root: Element, stem: str, missing: dict[tuple[str, str], list[int]], *, is_joined: bool = False
+) -> Iterator[tuple[str, Fixes]]:
+    """Yield the key and the fixes of each segment of each track; points without a time are noted as missing.
+
+    is_joined : segments have the key of their track
+    """
     every = list(root.each("trk"))
     names = _track_names(root, stem, every)
     number = 0
@@ -108,7 +124,8 @@ def _segments(root: Element, stem: str, missing: dict[tuple[str, str], list[int]
         name = track.value("name")
         segments = _segments_of(track)
         for part, segment in enumerate(segments, 1):
-            key = (name if name in names else row_id(stem, nth)) + (f".{part}" if len(segments) > 1 else "")
+            key = name if name in names else row_id(stem, nth)
+            key += f".{part}" if len(segments) > 1 and not is_joined else ""
             fixes = Fixes(constant={"name": name})
             for point in segment.each("trkpt"):
                 number += 1

@@ -139,6 +139,15 @@ def read_positions(
     return contents
 
 
+def read_fixes(text: str) -> tuple[dict[str, Fixes], dict[tuple[str, str], list[int]]]:
+    """Return the fixes of a file of positions by id, and the lines that are left out; raises as `read_positions`."""
+    reader = _Reader(text)
+    reader.refusals.raise_found()
+    fixes = reader.fixes(MAX_OBJECTS)
+    reader.refusals.raise_found()
+    return fixes, reader.left_out
+
+
 def _without_bound(fixes: Mapping[str, Fixes], kept: Set[str]) -> Iterator[str]:
     """Yield remarks on tracks that are unbounded because some of their rows give no height."""
     for column, name in _HEIGHTS.items():

@@ -41,6 +41,7 @@ from conflictdb.formats.contents import (
     unwatched,
 )
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
+from conflictdb.formats.fixes import Fixes
 from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.owners import Owners
@@ -124,6 +125,33 @@ def read(
         _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
+
+
+def read_observed(
+    path: str | Path, *, max_file_mb: float | None = None, hints: FileHints | None = None
+) -> tuple[dict[str, Fixes], dict[tuple[str, str], list[int]]]:
+    """Return the observed positions of a file (CSV, as of AIS, or tracks of GPX) by id, as they stand there.
+
+    Also return the numbers of the rows that are left out, by id and reason. Raises InvalidInput as `read`.
+    """
+    path = Path(path)
+    if hints is not None:
+        _require_fields(hints)
+    with _named(path), applied(hints):
+        file = _File(path, path.suffix.lower() == ".gz", None, (), False, max_file_mb, unwatched)
+        if _suffix(path) in (".gpx", ".xml"):
+            from conflictdb.formats.gpx import gpx_fixes, is_gpx
+            from conflictdb.formats.xml_text import parsed
+
+            root = parsed(file.text())
+            if not is_gpx(root):
+                raise InvalidInput("file", "", "holds no positions: give CSV, or GPX with tracks")
+            return gpx_fixes(root, stem(path))
+        if _suffix(path) not in (".csv", ".tsv"):
+            raise InvalidInput("file", "", "holds no positions: give CSV (.csv, .tsv), or GPX with tracks (.gpx)")
+        from conflictdb.formats.positions import read_fixes
+
+        return read_fixes(file.text())
 
 
 def _require_fields(hints: FileHints) -> None:

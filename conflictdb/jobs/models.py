@@ -331,6 +331,24 @@ class ShareRow(Base):
     shared_at: Mapped[datetime | None]
 
 
+class LiveRow(Base):
+    """How a track with positions keeps its plan: a row of the view `live`."""
+
+    __tablename__ = "live"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    key: Mapped[str] = mapped_column(primary_key=True)
+    state: Mapped[str]
+    late_from_s: Mapped[float | None]
+    late_to_s: Mapped[float | None]
+    off_m: Mapped[float | None]
+    instant: Mapped[datetime]
+    place: Mapped[WKBElement] = mapped_column(_geometry("POINT"))
+    height_m: Mapped[float | None]
+    error_m: Mapped[float]
+    as_of: Mapped[datetime]
+
+
 class EditRow(Base):
     """An edit of a plan, rule or scene: a row of the view `edits`."""
 

@@ -63,7 +63,8 @@ FROM (
         SELECT c.relname::text, coalesce(c.relacl, acldefault(CASE c.relkind WHEN 'S'::"char" THEN 's'::"char"
                                                               ELSE 'r'::"char" END, c.relowner))
         FROM pg_catalog.pg_class c
-        WHERE c.relnamespace IN (SELECT o.oid FROM ours o) AND c.relkind::text IN ('r'::text, 'v'::text, 'S'::text)
+        WHERE c.relnamespace IN (SELECT o.oid FROM ours o)
+          AND c.relkind::text IN ('r'::text, 'p'::text, 'v'::text, 'S'::text)
         UNION ALL
         SELECT pg_catalog.concat_ws('.'::text, c.relname, a.attname), a.attacl
         FROM pg_catalog.pg_attribute a JOIN pg_catalog.pg_class c ON c.oid = a.attrelid
@@ -78,7 +79,8 @@ FROM (
     FROM granted g CROSS JOIN LATERAL pg_catalog.aclexplode(g.acl) x
     LEFT JOIN pg_catalog.pg_roles m ON m.oid = x.grantee
     WHERE x.grantee = 0::oid
-       OR m.rolname IN ('conflictdb_reader'::name, 'conflictdb_editor'::name, 'conflictdb_worker'::name)
+       OR m.rolname IN ('conflictdb_reader'::name, 'conflictdb_tracker'::name, 'conflictdb_editor'::name,
+                     'conflictdb_worker'::name)
     UNION ALL
     SELECT pg_catalog.concat_ws(' '::text, c.relname, p.polname, p.polcmd,
                                 ARRAY(SELECT m.rolname FROM pg_catalog.pg_roles m WHERE m.oid = ANY (p.polroles)
@@ -96,6 +98,9 @@ SELECT has_schema_privilege(r.oid, 'conflictdb', 'USAGE')
                          AND NOT EXISTS (SELECT FROM pg_catalog.pg_policy p
                                          WHERE p.polrelid = 'conflictdb.scene'::regclass::oid
                                            AND m.oid = ANY (p.polroles)))
+       AND EXISTS (SELECT FROM pg_catalog.pg_roles f
+                   WHERE f.rolname = 'conflictdb_tracker'::name AND pg_has_role(e.oid, f.oid, 'MEMBER')
+                     AND has_any_column_privilege(f.oid, 'conflictdb.position', 'INSERT'))
 FROM pg_catalog.pg_roles r CROSS JOIN pg_catalog.pg_roles e CROSS JOIN pg_catalog.pg_roles w
 WHERE r.rolname = 'conflictdb_reader'::name AND e.rolname = 'conflictdb_editor'::name
   AND w.rolname = 'conflictdb_worker'::name"""
@@ -379,7 +384,8 @@ def check(conn: psycopg.Connection[Any]) -> None:
     if usable is not True:
         raise SchemaOutdated(
             f"database {conn.info.dbname!r} lacks the rights and policies of schema conflictdb: a restore into a "
-            "server without the roles conflictdb_reader, conflictdb_editor and conflictdb_worker loses them; run "
+            "server without the roles conflictdb_reader, conflictdb_tracker, conflictdb_editor and "
+            "conflictdb_worker loses them; run "
             "`conflictdb admin upgrade`"
         )
     if not armed:
@@ -627,6 +633,7 @@ def _triggers_armed(conn: psycopg.Connection[Any], triggers: int) -> bool:
         conn,
         """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
            WHERE c.relnamespace = 'conflictdb'::regnamespace::oid AND NOT t.tgisinternal
+             AND t.tgparentid = 0::oid
              AND t.tgenabled = CASE WHEN t.tgname::text ~ '_replicated$'::text THEN 'R'::"char"
                                     WHEN t.tgname::text ~ '_(inserted|updated|deleted|removed)$'::text THEN 'O'::"char"
                                     WHEN t.tgname = 'scene_holds_objects'::name THEN 'O'::"char"

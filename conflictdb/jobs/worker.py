@@ -22,6 +22,7 @@ from conflictdb import store
 from conflictdb.core.memory_budget import MEMORY_MB
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.jobs import detect, probes, schema
+from conflictdb.jobs.live import Looks
 
 _log = logging.getLogger(__name__)
 
@@ -36,6 +37,9 @@ _LEAST_PAUSE_S: Final = 0.1
 _LOCK_WAIT_S: Final = 10.0
 # How often to count conflicts.
 _COUNT_EVERY_S: Final = 10.0
+# How often to look for silent tracks, and to empty partitions of old positions.
+_SILENCE_EVERY_S: Final = 10.0
+_PRUNE_EVERY_S: Final = 600.0
 # How often to seal edits.
 _SEAL_EVERY_S: Final = 60.0
 
@@ -150,6 +154,9 @@ class Worker:
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _has_requests: bool = False
+    _looks: Looks = field(default_factory=Looks)
+    _silence_at_s: float = -math.inf
+    _pruned_at_s: float = -math.inf
     _deafness_is_said: bool = False
     _stamp: store.WorkerStamp = field(default_factory=store.WorkerStamp)
 
@@ -272,6 +279,7 @@ class Worker:
         """
         well = True
         self._answer(connection)
+        self._look(connection)
         store.drop_orphans(connection)
         waiting = store.waiting_scenes(connection)
         looked_at_s = time.monotonic()
@@ -303,7 +311,19 @@ class Worker:
             finally:
                 self.state.scene = None
             self._answer(connection)
+            self._look(connection)
         return well
+
+    def _look(self, connection: "psycopg.Connection[Any]") -> None:
+        """Compare new positions with plans; at times look which tracks are silent, and empty old partitions."""
+        is_silence_due = time.monotonic() - self._silence_at_s >= _SILENCE_EVERY_S
+        self._looks.look(connection, time.time_ns() // 1000, is_silence_due=is_silence_due)
+        if is_silence_due:
+            self._silence_at_s = time.monotonic()
+        if time.monotonic() - self._pruned_at_s >= _PRUNE_EVERY_S:
+            self._pruned_at_s = time.monotonic()
+            with store.transaction(connection):
+                store.prune_positions(connection)
 
     def _answer(self, connection: "psycopg.Connection[Any]") -> None:
         """Answer requests (probes, delays) for a while, with the rights of this connection, not of who asked."""

@@ -90,6 +90,19 @@ if TYPE_CHECKING:
         state_within,
         wait_until_current,
     )
+    from conflictdb.store.live_rows import (
+        Heard,
+        LiveTrack,
+        Unheard,
+        insert_positions,
+        live,
+        live_states,
+        new_positions,
+        prune_positions,
+        put_live,
+        unheard,
+        unknown_tracks,
+    )
     from conflictdb.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s
     from conflictdb.store.map_rows import (
         TILES,

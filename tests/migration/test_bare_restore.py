@@ -23,7 +23,7 @@ SELECT count(*) FROM pg_proc p
 WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
   AND (p.proacl IS NULL OR EXISTS (SELECT FROM aclexplode(p.proacl) x WHERE x.grantee = 0))
 """
-ROLES = "conflictdb_reader, conflictdb_editor, conflictdb_worker"
+ROLES = "conflictdb_reader, conflictdb_tracker, conflictdb_editor, conflictdb_worker"
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ def server() -> Iterator[str]:
         superuser = conninfo.make_conninfo(own.dsn, dbname="postgres")
         with psycopg.connect(superuser, autocommit=True) as conn:
             conn.execute("DROP DATABASE conflictdb WITH (FORCE)")
-            conn.execute("DROP ROLE conflictdb_worker, conflictdb_editor, conflictdb_reader")
+            conn.execute("DROP ROLE conflictdb_worker, conflictdb_editor, conflictdb_tracker, conflictdb_reader")
         yield superuser
 
 
@@ -51,7 +51,14 @@ def managed(server: str) -> Iterator[str]:
         finally:
             conn.execute(f"DROP DATABASE {database} WITH (FORCE)".encode())
             # Who granted memberships is dropped last.
-            for role in (*GROUPS, "conflictdb_worker", "conflictdb_editor", "conflictdb_reader", ADMIN):
+            for role in (
+                *GROUPS,
+                "conflictdb_worker",
+                "conflictdb_editor",
+                "conflictdb_tracker",
+                "conflictdb_reader",
+                ADMIN,
+            ):
                 conn.execute(f"DROP ROLE IF EXISTS {role}".encode())
 
 

@@ -26,7 +26,7 @@ def test_page_has_all_that_is_public_and_nothing_else(conn: psycopg.Connection) 
     """A relation or routine without an underscore is public; each has a comment, and so has every column."""
     named = conn.execute(
         """SELECT c.relname, obj_description(c.oid, 'pg_class') FROM pg_class c
-           WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+           WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'p', 'v') AND NOT c.relispartition
              AND c.relname <> 'alembic_version' AND left(c.relname, 1) <> '_'
            UNION ALL
            SELECT p.proname, obj_description(p.oid, 'pg_proc') FROM pg_proc p

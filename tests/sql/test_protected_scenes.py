@@ -45,11 +45,20 @@ SELECT conflictdb.remove_object('hers', 'N');
 SELECT conflictdb.create_branch('hers', 'her branch');
 SELECT conflictdb.remove_object('her branch', 'B');
 UPDATE alices.ops SET id = 3 WHERE id = 1;
+INSERT INTO conflictdb.position (scene, key, instant, place)
+    VALUES ('hers', 'T', '2026-03-01 12:00Z', 'SRID=4326;POINT(0 0.5)');
+"""
+LIVE = """
+SELECT conflictdb_internal._put_live(s.scene_id, 0, '{T}', '{off}', '{NULL}', '{NULL}', '{9}', '{0}', '{0}', '{0}',
+                                     '{NULL}', '{10}', '{NULL}', '{NULL}')
+FROM conflictdb.scene s WHERE s.name = 'hers';
 """
 EVERYTHING = """
 SELECT c.relname FROM pg_class c
-WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v')
-    AND c.relname NOT IN ('alembic_version', 'edit_seal', 'upper_limit', 'limits', 'worker_stamp', '_my_role')
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'p', 'v')
+    AND NOT c.relispartition
+    AND c.relname NOT IN ('alembic_version', 'edit_seal', 'position_look', 'upper_limit', 'limits',
+                          'worker_stamp', '_my_role')
 ORDER BY 1
 """
 # Each function that takes the name of a scene, as another role might call it.
@@ -169,6 +178,7 @@ def stage(_server: TestServer, template: str, worker_id: str) -> Iterator[Stage]
             detect.detect(conn, "hers", jobs=1)
         with acting(conn, roles["alice"]):
             conn.execute(LATER.encode())
+        conn.execute(LIVE.encode())
         with acting(conn, roles["worker"]), conn.transaction():
             (probe_id,) = one(conn, "SELECT max(probe_id) FROM conflictdb.probe_request")
             conn.execute(
@@ -428,11 +438,12 @@ def test_notifications_name_nothing(protected: Conn, stage: Stage) -> None:
 
 
 def test_every_table_of_scenes_is_protected(protected: Conn) -> None:
-    bare = """SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
-                AND NOT c.relrowsecurity ORDER BY 1"""
+    bare = """SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace
+                AND c.relkind IN ('r', 'p') AND NOT c.relrowsecurity ORDER BY 1"""
     assert [name for (name,) in protected.execute(bare.encode())] == [
         "alembic_version",
         "edit_seal",
+        "position_look",
         "upper_limit",
         "worker_stamp",
     ]

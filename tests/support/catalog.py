@@ -31,7 +31,7 @@ $$;
 COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0';
 """
 RELATIONS = """
-SELECT CASE c.relkind WHEN 'r' THEN 'TABLE' WHEN 'v' THEN 'VIEW' ELSE 'SEQUENCE' END || ' ' || c.relname
+SELECT CASE c.relkind WHEN 'v' THEN 'VIEW' WHEN 'S' THEN 'SEQUENCE' ELSE 'TABLE' END || ' ' || c.relname
        || coalesce((
             SELECT E' (\n' || string_agg(format('    %s %s%s%s%s', a.attname, format_type(a.atttypid, a.atttypmod),
                        CASE WHEN a.attcollation <> t.typcollation THEN ' COLLATE ' || l.collname ELSE '' END,
@@ -44,7 +44,7 @@ SELECT CASE c.relkind WHEN 'r' THEN 'TABLE' WHEN 'v' THEN 'VIEW' ELSE 'SEQUENCE'
             LEFT JOIN pg_attrdef d ON d.adrelid = a.attrelid AND d.adnum = a.attnum
             WHERE a.attrelid = c.oid AND a.attnum > 0 AND NOT a.attisdropped AND c.relkind <> 'S'), '')
 FROM pg_class c
-WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v', 'S')
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'p', 'v', 'S')
 ORDER BY c.relkind, c.relname
 """
 CONSTRAINTS = """
@@ -92,9 +92,9 @@ GROUP BY o.what, x.grantee ORDER BY o.what, x.grantee::regrole::text
 """
 # A role's rights include those of the roles that it is a member of; rights of the owner only are left out.
 PRIVILEGES = """
-WITH role (name, place) AS (VALUES ('reader', 1), ('editor', 2), ('worker', 3)),
+WITH role (name, place) AS (VALUES ('reader', 1), ('tracker', 2), ('editor', 3), ('worker', 4)),
 thing AS (
-    SELECT CASE c.relkind WHEN 'r' THEN 'TABLE ' WHEN 'v' THEN 'VIEW ' ELSE 'SEQUENCE ' END || c.relname AS what,
+    SELECT CASE c.relkind WHEN 'v' THEN 'VIEW ' WHEN 'S' THEN 'SEQUENCE ' ELSE 'TABLE ' END || c.relname AS what,
            r.place, r.name, (
                SELECT string_agg(x.privilege, ', ' ORDER BY x.privilege)
                FROM unnest(CASE c.relkind WHEN 'S' THEN '{SELECT,UPDATE,USAGE}'::text[]
@@ -102,7 +102,8 @@ thing AS (
                WHERE CASE c.relkind WHEN 'S' THEN has_sequence_privilege('conflictdb_' || r.name, c.oid, x.privilege)
                      ELSE has_table_privilege('conflictdb_' || r.name, c.oid, x.privilege) END) AS may
     FROM pg_class c CROSS JOIN role r
-    WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v', 'S')
+    WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+      AND c.relkind IN ('r', 'p', 'v', 'S')
     UNION ALL
     SELECT 'FUNCTION ' || p.oid::regprocedure::text || CASE WHEN p.prosecdef THEN ' as its owner' ELSE '' END,
            r.place, r.name,

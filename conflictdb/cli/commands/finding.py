@@ -43,6 +43,8 @@ def _add_plans(commands: Any) -> None:
     parser = command(commands, "load", "scene_objects:load", "load plans from files", more)
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene file, route, positions, areas, NOTAM, …")
     parser.add_argument("--scene", type=name, metavar="NAME", help="scene to load into (default: named by the file)")
+    about = "positions of tracks of the scene, which workers compare with their plans"
+    parser.add_argument("--positions", action="store_true", help=about)
     add_loading(parser)
 
     command(commands, "scenes", "scene_objects:scenes", "list scenes")
@@ -133,6 +135,7 @@ def _add_detection(commands: Any) -> None:
         "--class", dest="object_class", type=name, metavar="CLASS", help="only conflicts of an object of this class"
     )
     parser.add_argument("--known-at", type=time, metavar="TIME", help="the conflicts that were known at TIME")
+    parser.add_argument("--live", action="store_true", help="plans against what happens: who is late, off or silent")
     add_options(parser, "--tz")
     parser.add_argument(
         "--show",

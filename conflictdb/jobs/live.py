@@ -1,0 +1,144 @@
+"""Compare positions with plans: the looks of a worker, each in one transaction.
+
+A look reads the positions committed since the last one, finds how late each track is, and stores its state. If it is
+killed, the next look reads the same positions again. One session looks at a time; the others find nothing.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+
+from conflictdb import store
+from conflictdb.arrays.objects import AreaBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.keeping import OFF, Kept, Plan
+from conflictdb.core.lateness import Positions, distances_off_m, lateness_of
+from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.earth.registry import Setup
+from conflictdb.model.plans import Scene
+
+_NO_AREAS: Final = AreaBatch.of([])
+# Positions compared at once: their pairs of pieces fit into memory.
+_AT_ONCE: Final = 20_000
+# Plans that a worker keeps cut, of each scene: some hundred megabytes.
+_MOST_PLANS: Final = 100_000
+
+
+@dataclass(slots=True)
+class _Cut:
+    """A plan, cut once: its version, its times and speeds, and its pieces."""
+
+    version: int
+    plan: Plan
+    pieces: Pieces
+
+
+@dataclass(slots=True)
+class _SceneLooks:
+    """The plans of a scene that have been cut, by the ids of their tracks, and with which settings."""
+
+    setup: Setup
+    cut: dict[int, _Cut] = field(default_factory=dict)
+
+
+class Looks:
+    """The looks of a worker. What it keeps between looks only saves work."""
+
+    def __init__(self) -> None:
+        self._scenes: dict[int, _SceneLooks] = {}
+
+    def look(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool) -> int:
+        """Compare the positions since the last look with plans, and commit; return their number.
+
+        is_silence_due : also look which tracks are silent
+        """
+        with store.transaction(conn):
+            heard = store.new_positions(conn)
+            of_scenes: dict[int, list[store.Heard]] = defaultdict(list)
+            for one in heard:
+                of_scenes[one.scene_id].append(one)
+            for scene_id, some in of_scenes.items():
+                for first in range(0, len(some), _AT_ONCE):
+                    self._compare(conn, scene_id, some[first : first + _AT_ONCE], now_us)
+            if is_silence_due:
+                self._look_for_silence(conn, now_us)
+        return len(heard)
+
+    def _look_for_silence(self, conn: psycopg.Connection[Any], now_us: int) -> None:
+        of_scenes: dict[int, list[store.Unheard]] = defaultdict(list)
+        for one in store.unheard(conn, now_us):
+            of_scenes[one.scene_id].append(one)
+        for scene_id, some in of_scenes.items():
+            cut = self._cut(conn, scene_id, {one.track_id: one.version for one in some})
+            former = store.live_states(conn, scene_id, [one.key for one in some])
+            states = {
+                one.key: former[one.key].unheard(cut.cut[one.track_id].plan, now_us)
+                for one in some
+                if one.key in former and one.track_id in cut.cut
+            }
+            store.put_live(conn, scene_id, now_us, states)
+
+    def _compare(self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int) -> None:
+        """Store the states that follow from positions of a scene, in the order of their instants."""
+        known = self._cut(conn, scene_id, {one.track_id: one.version for one in heard})
+        former = store.live_states(conn, scene_id, list({one.key for one in heard}))
+        # One that is older than another says nothing new.
+        heard = [
+            one
+            for one in heard
+            if one.track_id in known.cut and not (one.key in former and one.at_us <= former[one.key].at_us)
+        ]
+        if not heard:
+            return
+        positions = Positions(
+            np.array([one.track_id for one in heard]),
+            np.array([one.at_us for one in heard]),
+            np.array([(one.lon, one.lat) for one in heard]),
+            np.array([np.nan if one.height_m is None else one.height_m for one in heard]),
+            np.array([one.error_m for one in heard]),
+        )
+        pieces = Pieces.concatenate([known.cut[track].pieces for track in np.unique(positions.track).tolist()])
+        latenesses = lateness_of(known.setup, pieces, positions)
+        states: dict[str, Kept] = {}
+        of_key: dict[str, int] = {}
+        for k, one in enumerate(heard):
+            before = states.get(one.key, former.get(one.key))
+            if before is not None and one.at_us <= before.at_us:
+                continue
+            here = Kept(OFF, None, None, one.at_us, (one.lon, one.lat), one.height_m, one.error_m, None)
+            states[one.key] = here.at(known.cut[one.track_id].plan, latenesses[k], before)
+            of_key[one.key] = k
+        off = [key for key, state in states.items() if state.state == OFF]
+        if off:
+            some = positions.take(np.array([of_key[key] for key in off]))
+            for key, off_m in zip(off, distances_off_m(known.setup, pieces, some).tolist(), strict=True):
+                states[key] = states[key].away(off_m)
+        store.put_live(conn, scene_id, now_us, states)
+
+    def _cut(self, conn: psycopg.Connection[Any], scene_id: int, versions: dict[int, int]) -> _SceneLooks:
+        """Return the plans of a scene that are cut, some tracks in these versions among them, unless they are gone."""
+        setup = _without_separations(store.read_settings(conn, scene_id))
+        known = self._scenes.get(scene_id)
+        if known is None or known.setup.scene != setup.scene or len(known.cut) > _MOST_PLANS:
+            known = self._scenes[scene_id] = _SceneLooks(setup)
+        missing = [t for t, v in versions.items() if t not in known.cut or known.cut[t].version != v]
+        for first in range(0, len(missing), _AT_ONCE):
+            tracks = store.some_tracks(conn, scene_id, missing[first : first + _AT_ONCE])
+            pieces = pieces_of(known.setup, _NO_AREAS, tracks)
+            order = np.argsort(pieces.object_id, kind="stable")
+            ids = pieces.object_id[order]
+            for row, track in enumerate(tracks.track_id.tolist()):
+                own = order[np.searchsorted(ids, track) : np.searchsorted(ids, track, side="right")]
+                version = int(tracks.version[row])
+                known.cut[track] = _Cut(version, Plan.of(tracks, row), pieces.take(own))
+        return known
+
+
+def _without_separations(scene: Scene) -> Setup:
+    """Return the setup in which a haven alone holds a position."""
+    return Setup.of(
+        replace(scene, separation_m=0.0, vertical_separation_m=0.0, time_separation_s=0.0, nearest_m=0.0, rules=())
+    )

@@ -1,0 +1,149 @@
+"""Read new positions, and store how tracks keep their plans."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, NamedTuple
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.core.keeping import Kept
+from conflictdb.store import copy_binary
+from conflictdb.store.connection import call, call_by_name, call_many, transaction
+from conflictdb.store.parameters import Array
+
+
+class Heard(NamedTuple):
+    """A position of a track that a look reads; height_m: None where it is unknown."""
+
+    scene_id: int
+    key: str
+    track_id: int
+    version: int
+    at_us: int
+    lon: float
+    lat: float
+    height_m: float | None
+    error_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LiveTrack:
+    """How a track keeps its plan: a row of the view live."""
+
+    key: str
+    state: str
+    late_from_s: float | None
+    late_to_s: float | None
+    off_m: float | None
+    instant: datetime
+    lon_deg: float
+    lat_deg: float
+    height_m: float | None
+    error_m: float
+    as_of: datetime
+
+
+class Unheard(NamedTuple):
+    """A track under way that is silent."""
+
+    scene_id: int
+    key: str
+    track_id: int
+    version: int
+
+
+def new_positions(conn: psycopg.Connection[Any]) -> list[Heard]:
+    """Return the positions since the last look, in the order of their instants, in the open transaction."""
+    return [Heard(*row) for row in call_many(conn, "_new_positions")]
+
+
+def unheard(conn: psycopg.Connection[Any], now_us: int) -> list[Unheard]:
+    """Return the tracks that are silent at an instant, in the open transaction."""
+    return [Unheard(*row) for row in call_many(conn, "_unheard", now_us)]
+
+
+def live_states(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> dict[str, Kept]:
+    """Return the states of some keys, as the last look found them; late_us is that of the last position."""
+    found = {}
+    for key, state, at_us, lon, lat, height_m, error_m, from_s, to_s, off_m in call_many(
+        conn, "_live_states", scene_id, list(keys)
+    ):
+        seen = None if from_s is None else (round(1e6 * from_s), round(1e6 * to_s))
+        found[key] = Kept(state, seen, off_m, at_us, (lon, lat), height_m, error_m, seen)
+    return found
+
+
+def put_live(conn: psycopg.Connection[Any], scene_id: int, as_of_us: int, states: dict[str, Kept]) -> None:
+    """Store the states of some keys at an instant."""
+    every = list(states.values())
+    late = [one.late_us or (None, None) for one in every]
+    seen = [one.seen_us or (None, None) for one in every]
+    call(
+        conn,
+        "_put_live",
+        scene_id,
+        as_of_us,
+        list(states),
+        [one.state for one in every],
+        _numbers([_seconds(low) for low, _ in late]),
+        _numbers([_seconds(high) for _, high in late]),
+        _numbers([one.off_m for one in every]),
+        [one.at_us for one in every],
+        _numbers([one.lonlat[0] for one in every]),
+        _numbers([one.lonlat[1] for one in every]),
+        _numbers([one.height_m for one in every]),
+        _numbers([one.error_m for one in every]),
+        _numbers([_seconds(low) for low, _ in seen]),
+        _numbers([_seconds(high) for _, high in seen]),
+    )
+
+
+def insert_positions(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    keys: Sequence[str],
+    at_us: NDArray[np.int64],
+    lonlat: NDArray[np.float64],
+) -> None:
+    """Insert positions (n,) of tracks of a scene, all or none, in the open transaction; raises InvalidInput."""
+    columns: dict[str, copy_binary.Column] = {
+        "scene": _texts([scene] * len(keys)),
+        "key": _texts(keys),
+        "instant": copy_binary.instants(at_us),
+        "place": copy_binary.points(lonlat, 4326),
+    }
+    copy_binary.send(conn, "conflictdb.position", columns)
+
+
+def unknown_tracks(conn: psycopg.Connection[Any], scene: str, keys: Sequence[str]) -> set[str]:
+    """Return the keys that no track of a scene has; raises InvalidInput for an unknown scene."""
+    return {key for (key,) in call_many(conn, "_unknown_tracks", scene, list(keys))}
+
+
+def live(conn: psycopg.Connection[Any], scene: str) -> list[LiveTrack]:
+    """Return how the tracks of a scene with positions keep their plans, those that do not first."""
+    with transaction(conn):
+        return [LiveTrack(**row) for row in call_by_name(conn, "_live", scene)]
+
+
+def prune_positions(conn: psycopg.Connection[Any]) -> None:
+    """Empty the partitions of positions that are old, in the open transaction."""
+    call(conn, "_prune_positions")
+
+
+def _texts(values: Sequence[str]) -> copy_binary.Ragged:
+    return copy_binary.Ragged.of([one.encode() for one in values])
+
+
+def _seconds(us: int | None) -> float | None:
+    return None if us is None else us / 1e6
+
+
+def _numbers(values: Sequence[float | None]) -> Array:
+    """Return numbers as an array of double precision, None as null."""
+    is_null = np.array([one is None for one in values], np.bool_)
+    numbers = copy_binary.fixed(np.array([0.0 if one is None else one for one in values]), "f8")
+    return copy_binary.array([copy_binary.nullable(numbers, is_null) if is_null.any() else numbers], "double precision")

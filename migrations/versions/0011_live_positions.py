@@ -1,0 +1,83 @@
+"""Keep positions of objects, and compare them with their plans."""
+
+from alembic import op
+
+revision = "0011"
+down_revision = "0010"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "e3f2b63c8550665b45087707ce0b88af740f0121ab5ce6964748bcab7005a29e"
+
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
+# Eight partitions of half a day each, used in turn: what is old is emptied as a whole, and no partition is created or
+# dropped while feeds write. No foreign key: a check per row would cost more than the row.
+SLOTS = 8
+POSITION = f"""
+CREATE TABLE IF NOT EXISTS conflictdb.position (
+    scene text NOT NULL,
+    key text COLLATE "C" NOT NULL,
+    instant timestamptz NOT NULL,
+    place geometry(Point, 4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamptz NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT floor(extract(epoch FROM clock_timestamp()) / 43200)::bigint % {SLOTS}
+) PARTITION BY LIST (slot)
+"""
+PARTITIONS = tuple(
+    f"CREATE TABLE IF NOT EXISTS conflictdb.position_{slot} PARTITION OF conflictdb.position FOR VALUES IN ({slot})"
+    for slot in range(SLOTS)
+)
+POSITION_INDEXES = (
+    "CREATE INDEX IF NOT EXISTS position_scene_id_key_btree ON conflictdb.position (scene_id, key, instant)",
+    # A look reads what transactions since the last one have committed.
+    "CREATE INDEX IF NOT EXISTS position_transaction_id_btree ON conflictdb.position (transaction_id)",
+)
+# What the last look at positions saw: one row.
+POSITION_LOOK = """
+CREATE TABLE IF NOT EXISTS conflictdb.position_look (
+    is_only boolean CONSTRAINT position_look_pkey PRIMARY KEY CONSTRAINT position_look_one CHECK (is_only),
+    seen pg_snapshot NOT NULL
+)
+"""
+LIVE_STATE = """
+CREATE TABLE IF NOT EXISTS conflictdb.live_state (
+    scene_id bigint NOT NULL CONSTRAINT live_state_scene_fkey REFERENCES conflictdb.scene ON DELETE CASCADE,
+    key text COLLATE "C" NOT NULL,
+    state text NOT NULL,
+    late_from_s double precision,
+    late_to_s double precision,
+    off_m double precision,
+    instant timestamptz NOT NULL,
+    place geometry(Point, 4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL,
+    seen_from_s double precision,
+    seen_to_s double precision,
+    as_of timestamptz NOT NULL,
+    CONSTRAINT live_state_pkey PRIMARY KEY (scene_id, key),
+    CONSTRAINT live_state_known CHECK (
+        state IN ('on plan', 'late', 'early', 'off', 'silent', 'past its end', 'not yet under way')
+    ),
+    CONSTRAINT live_state_late_ordered CHECK (late_from_s <= late_to_s AND seen_from_s <= seen_to_s)
+)
+"""
+
+STATEMENTS: tuple[str, ...] = (POSITION, *PARTITIONS, *POSITION_INDEXES, POSITION_LOOK, LIVE_STATE)
+
+
+def upgrade() -> None:
+    for statement in STATEMENTS:
+        op.execute(statement)
+
+
+def downgrade() -> None:
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )

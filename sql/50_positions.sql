@@ -1,0 +1,238 @@
+-- Positions of tracks, as feeds report them: checked when they are inserted, kept for a time, and read by looks of
+-- workers, which compare them with plans (74_live.sql).
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._position_before() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    -- 0: unknown. The policy refuses it first: who may not see a scene does not learn whether it exists. A restore, and
+    -- nobody else, gives the number.
+    IF NEW.scene_id IS NULL THEN
+        NEW.scene_id := coalesce((SELECT s.scene_id FROM scene s WHERE s.name = NEW.scene), 0);
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _position_before() IS
+'Trigger: fills in the scene of a position. Runs as its owner: trackers read no scenes. Restricted to the row.';
+CREATE OR REPLACE TRIGGER position_before BEFORE INSERT ON position
+    FOR EACH ROW EXECUTE FUNCTION _position_before();
+ALTER TABLE position ENABLE ALWAYS TRIGGER position_before;
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._lonlat(
+    p_place geometry, OUT lon double precision, OUT lat double precision
+)
+-- Bound to PostGIS here, for functions that find no names of other schemas.
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ST_X(p_place), ST_Y(p_place);
+END;
+COMMENT ON FUNCTION _lonlat(geometry) IS 'Longitude and latitude of a point, degrees.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_positions() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    -- Clocks of feeds differ by less.
+    c_ahead CONSTANT interval := '1 minute';
+    -- Less exact, it says nothing about a plan.
+    c_most_error_m CONSTANT double precision := 100000;
+    c_most_m CONSTANT double precision := 1e7;
+    v_bad record;
+    v_who text;
+BEGIN
+    SELECT n.scene, n.key, n.instant, n.height_m, n.error_m, o.lon, o.lat,
+           s.scene_id, s.parent_scene_id, s.motion, t.track_id
+        INTO v_bad
+        FROM new_rows n
+        CROSS JOIN LATERAL _lonlat(n.place) o
+        LEFT JOIN scene s ON s.scene_id = n.scene_id
+        LEFT JOIN track t ON t.scene_id = n.scene_id AND t.key = n.key
+        WHERE t.track_id IS NULL OR s.parent_scene_id IS NOT NULL
+           OR NOT (n.instant >= '0001-01-01 00:00+00' AND n.instant <= now() + c_ahead)
+           OR (abs(o.lon) <= 360 AND abs(o.lat) <= CASE s.motion WHEN 'rhumb' THEN 89 ELSE 90 END) IS NOT TRUE
+           OR NOT (n.error_m >= 0 AND n.error_m <= c_most_error_m) OR NOT abs(n.height_m) <= c_most_m
+        LIMIT 1;
+    IF FOUND THEN
+        v_who := format('position of %L', v_bad.key);
+        IF v_bad.scene_id IS NULL THEN
+            FOUND := _raise('ZC010', format('scene %L', v_bad.scene), 'name', 'is not in this database', 'scene_known');
+        ELSIF v_bad.parent_scene_id IS NOT NULL THEN
+            FOUND := _raise('ZC020', format('scene %L', v_bad.scene), 'name',
+                            'is a branch, which has no positions: give them to its parent', 'scene_whole');
+        ELSIF v_bad.track_id IS NULL THEN
+            FOUND := _raise('ZC011', v_who, 'key', format('is not a track of scene %L', v_bad.scene), 'object_known',
+                            'Put its plan first, or leave its positions out.');
+        ELSIF NOT (v_bad.instant >= '0001-01-01 00:00+00' AND v_bad.instant <= now() + c_ahead) THEN
+            FOUND := _raise('ZC003', v_who, 'instant',
+                            format('must not be in the future, nor before the year 1; got %s', v_bad.instant),
+                            'instant_not_ahead', 'Set the clock of the feed.');
+        ELSIF NOT (v_bad.error_m >= 0 AND v_bad.error_m <= c_most_error_m) THEN
+            FOUND := _raise('ZC005', v_who, 'error_m',
+                            format('must be from 0 to %s m; got %s', c_most_error_m, v_bad.error_m), 'error_in_range');
+        ELSIF NOT abs(v_bad.height_m) <= c_most_m THEN
+            FOUND := _raise('ZC004', v_who, 'height_m', format('must be a finite number of metres; got %s',
+                            v_bad.height_m), 'heights_finite');
+        END IF;
+        FOUND := _raise('ZC005', v_who, 'place',
+                        format('must have a longitude within +-360 and a latitude within +-%s degrees; got %s, %s',
+                               CASE v_bad.motion WHEN 'rhumb' THEN 89 ELSE 90 END, coalesce(v_bad.lon::text, 'none'),
+                               coalesce(v_bad.lat::text, 'none')),
+                        'place_in_range');
+    END IF;
+    PERFORM _wake_workers();
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_positions() IS
+'Trigger: refuses positions of unknown tracks, in the future, or out of range, and wakes the workers. Runs as its '
+'owner: trackers read no plans. Restricted to the new rows.';
+CREATE OR REPLACE TRIGGER position_inserted AFTER INSERT ON position REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_positions();
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._unknown_tracks(p_scene text, p_keys text[]) RETURNS SETOF text
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    RETURN QUERY SELECT k FROM unnest(p_keys) k
+        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = k);
+END
+$$;
+COMMENT ON FUNCTION _unknown_tracks(text, text[]) IS
+'Keys that no track of a scene has; raises ZC010 for an unknown scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._interval_set(
+    p_name text, p_default interval, p_most interval
+) RETURNS interval
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_setting text := nullif(current_setting('conflictdb.' || p_name, true), '');
+    v_given interval := p_default;
+BEGIN
+    IF v_setting IS NOT NULL THEN
+        BEGIN
+            v_given := v_setting;
+        EXCEPTION WHEN data_exception THEN
+            v_given := '-1 s';
+        END;
+        IF NOT v_given BETWEEN interval '1 s' AND p_most THEN
+            -- Looks must not fail because of it.
+            RAISE WARNING 'conflictdb.%: must be an interval from 1 second to %; got %; taken as %', p_name, p_most,
+                          quote_literal(v_setting), p_default;
+            v_given := p_default;
+        END IF;
+    END IF;
+    RETURN v_given;
+END
+$$;
+COMMENT ON FUNCTION _interval_set(text, interval, interval) IS
+'A setting conflictdb.<name> of the database or role that is an interval; p_default if it is not set, or not from a '
+'second to p_most.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._may_look() RETURNS boolean
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    -- Arbitrary number.
+    SELECT pg_try_advisory_xact_lock(4711870352216840127);
+END;
+COMMENT ON FUNCTION _may_look() IS
+'Whether the transaction may look at positions: from now to its end no other one may.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
+    OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
+    OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision
+) RETURNS SETOF record
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET jit = off AS $$
+#variable_conflict use_column
+DECLARE
+    v_former pg_snapshot;
+    v_seen pg_snapshot;
+BEGIN
+    IF NOT _may_look() THEN
+        RETURN;
+    END IF;
+    v_former := (SELECT l.seen FROM position_look l);
+    -- The first look, and the first of a restored database, which counts its transactions anew: it reads all positions
+    -- again, which changes nothing.
+    IF v_former IS NULL OR pg_snapshot_xmax(v_former) > pg_snapshot_xmax(pg_current_snapshot()) THEN
+        v_former := '1:1:';
+    END IF;
+    -- Under READ COMMITTED each statement has a snapshot of its own: what is noted as seen is older than what is read,
+    -- and what is read twice changes nothing.
+    v_seen := pg_current_snapshot();
+    RETURN QUERY
+        SELECT p.scene_id, p.key, t.track_id, t.version, (extract(epoch FROM p.instant) * 1000000)::bigint,
+               ST_X(p.place), ST_Y(p.place), p.height_m, p.error_m
+        FROM (SELECT o.* FROM position o WHERE o.transaction_id >= pg_snapshot_xmax(v_former)
+              UNION ALL
+              SELECT o.* FROM position o
+              WHERE o.transaction_id = ANY (ARRAY(SELECT pg_snapshot_xip(v_former)))) p
+        JOIN scene s ON s.scene_id = p.scene_id
+        JOIN track t ON t.scene_id = p.scene_id AND t.key = p.key
+        ORDER BY p.scene_id, p.instant;
+    -- While there are no positions, an older snapshot serves as well; it must not become costly to compare with.
+    IF FOUND OR pg_snapshot_xmax(v_seen)::text::numeric - pg_snapshot_xmax(v_former)::text::numeric > 10000 THEN
+        INSERT INTO position_look AS l (is_only, seen) VALUES (true, v_seen)
+            ON CONFLICT (is_only) DO UPDATE SET seen = excluded.seen;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _new_positions() IS
+'Positions committed since the last look, in the order of their instants, with the track that has their key; none '
+'while another session looks. The transaction must end after what follows from them is stored.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._prune_positions() RETURNS integer
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_until timestamptz := clock_timestamp() - _interval_set('positions_kept', '24 hours', '72 hours');
+    v_slot integer;
+    v_is_old boolean;
+    v_emptied integer := 0;
+BEGIN
+    FOR v_slot IN 0..7 LOOP
+        EXECUTE format('SELECT count(*) = 0 FROM position_%s WHERE received_at > $1', v_slot)
+            INTO v_is_old USING v_until;
+        IF v_is_old THEN
+            EXECUTE format('SELECT count(*) > 0 FROM (SELECT FROM position_%s LIMIT 1) p', v_slot) INTO v_is_old;
+            IF v_is_old THEN
+                EXECUTE format('TRUNCATE position_%s', v_slot);
+                v_emptied := v_emptied + 1;
+            END IF;
+        END IF;
+    END LOOP;
+    RETURN v_emptied;
+END
+$$;
+COMMENT ON FUNCTION _prune_positions() IS
+'Empties the partitions of positions that were all received longer ago than the setting conflictdb.positions_kept says '
+'(24 hours); returns their number. Workers do this every ten minutes.';
+
+COMMENT ON TABLE position IS
+'Positions of tracks, as feeds report them: insert or copy rows of scene, key, instant, place, and, each where known, '
+'height_m and error_m. They are kept for a day (setting conflictdb.positions_kept); the view live has the last one of '
+'each key.';
+DO $$
+DECLARE
+    v_table text;
+BEGIN
+    FOREACH v_table IN ARRAY ARRAY['position', 'position_0', 'position_1', 'position_2', 'position_3', 'position_4',
+                                   'position_5', 'position_6', 'position_7'] LOOP
+        IF v_table <> 'position' THEN
+            EXECUTE format('COMMENT ON TABLE %I IS ''Partition of position: half a day, used in turn.''', v_table);
+        END IF;
+        EXECUTE format('COMMENT ON COLUMN %I.scene IS ''Name of the scene, when the position came.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.key IS ''Key of a track.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.instant IS ''When the track was there.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.place IS ''Where it was.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.height_m IS ''At which height, as heights of plans; null: unknown.''',
+                       v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.error_m IS ''How far off the place may be, metres.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.scene_id IS ''Scene.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.received_at IS ''When it came.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.transaction_id IS ''Transaction that inserted it.''', v_table);
+        EXECUTE format('COMMENT ON COLUMN %I.slot IS ''Partition.''', v_table);
+    END LOOP;
+END
+$$;
+COMMENT ON TABLE position_look IS 'What the last look at positions saw: one row.';
+COMMENT ON COLUMN position_look.is_only IS 'True.';
+COMMENT ON COLUMN position_look.seen IS 'Transactions whose positions were seen.';
