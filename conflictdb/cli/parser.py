@@ -5,8 +5,10 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from conflictdb.cli.hints import COMMANDS
 from conflictdb.cli.values import (
     aware,
     count,
@@ -98,8 +100,19 @@ class Parser(argparse.ArgumentParser):
         """Return a hint for an unknown option: it resembles another one, or goes before the command; may be empty."""
         if option in _OF_ALL_COMMANDS:
             return f"; {option} goes before the command"
+        if not option.startswith("-"):
+            return "; it is a file: `detect FILE` loads it and detects" if Path(option).is_file() else ""
         alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
         return f"; did you mean {alike[0]}?" if alike else ""
+
+    def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
+        """Return how many arguments an option takes; the error for too few names them."""
+        try:
+            return super()._match_argument(action, arg_strings_pattern)
+        except argparse.ArgumentError:
+            if not isinstance(action.metavar, tuple):
+                raise
+            raise argparse.ArgumentError(action, f"needs {' and '.join(action.metavar)}") from None
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise ArgumentError for an unknown choice; for a command it names the one that was probably meant."""
@@ -108,8 +121,11 @@ class Parser(argparse.ArgumentParser):
             return
         known = {lower: f"{name} {lower}" for name, one in action.choices.items() for lower in subcommands(one)}
         known |= {name: name for name in action.choices}
-        alike = get_close_matches(str(value), known, 1)
-        hint = f"; did you mean {known[alike[0]]}?" if alike else ""
+        if self.groups and value in COMMANDS:
+            hint = f"; use {COMMANDS[value]}"
+        else:
+            alike = get_close_matches(str(value), known, 1)
+            hint = f"; did you mean {known[alike[0]]}?" if alike else ""
         raise argparse.ArgumentError(None, f"unknown command {value!r}{hint}")
 
     def words(self) -> list[str]:

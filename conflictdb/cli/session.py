@@ -4,15 +4,16 @@ import argparse
 import os
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from conflictdb import store
+from conflictdb.cli.hints import of_unknown_keys
 from conflictdb.cli.last_scene import recall, remember
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.client.database import Database, connect
-from conflictdb.errors import IncompleteWarning, InvalidInput, UnknownScheduleWarning
+from conflictdb.errors import ConflictDBError, IncompleteWarning, InvalidInput, UnknownScheduleWarning
 
 if TYPE_CHECKING:
     from psycopg import Connection
@@ -35,7 +36,13 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
         with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
             if given is None and args.needs_scene:
                 args.scene = usual = _needed_scene(opened, args)
-            yield opened
+            try:
+                yield opened
+            except InvalidInput:
+                with suppress(ConflictDBError):
+                    if hint := of_unknown_keys(opened, args):
+                        remark(hint)
+                raise
             if (used := getattr(args, "scene", None)) is not None and used != usual:
                 remember(_name(opened), used)
 
@@ -131,6 +138,9 @@ def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
             phase=phase,
         )
     remember(_name(db), loaded[-1].scene)
+    if len(names := list(dict.fromkeys(one.scene for one in loaded))) > 1 and args.scene is None:
+        several = ", ".join(map(repr, names[:5])) + (", …" if len(names) > 5 else "")
+        remark(f"scenes {several} are not compared with each other: --scene NAME loads all files into one")
     return loaded
 
 

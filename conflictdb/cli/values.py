@@ -262,7 +262,10 @@ def time_or_age(text: str) -> datetime:
     """Return an instant as `time` does, or for a duration such as 24h or 1d the instant so long ago."""
     if re.fullmatch(r"\d+(\.\d+)?\s*[a-z]+", text.strip()):
         return datetime.now(UTC) - timedelta(seconds=duration_s(text))
-    return time(text)
+    try:
+        return time(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}; or so long ago, such as 24h or 7d") from None
 
 
 def zone(text: str) -> ZoneInfo:

@@ -238,3 +238,26 @@ def test_19_what_cannot_be_loaded_is_counted_by_reason(run: Run, tmp_path: Path)
     assert done.code == 6
     assert len(done.err.strip().splitlines()) <= 3, done.err
     assert "40 LEFT OUT" in done.out
+
+
+def test_a_key_that_no_object_has_gets_a_hint(day: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is tried first need not work, but the error names what does."""
+    monkeypatch.chdir(TASKS)
+    for words, hint in (
+        (["conflicts", "ferry nort"], "did you mean 'FERRY NORTH'?"),
+        (["probe", "--late", "Loaded tanker", "20m"], "did you mean 'TANKER'?"),
+        (["delays", "TANKR"], "did you mean 'TANKER'?"),
+        (["conflicts", "day.geojson"], "detect FILE` loads it and detects"),
+        (["delete", "skagerrak"], "'skagerrak' is a scene: --scene names it"),
+        (["explain", "TANKER", "zzz"], "lists all keys"),
+    ):
+        done = day(*words)
+        assert done.code == 4, words
+        assert hint in done.err, words
+
+
+def test_files_of_several_scenes_are_not_compared_silently(run: Run) -> None:
+    done = run("detect", TASKS / "firing.geojson", TASKS / "ferry.rtz")
+    assert done.code == 0
+    assert "scenes 'firing', 'ferry' are not compared with each other: --scene NAME" in done.err
+    assert "not compared" not in run("detect", *TUESDAY).err

@@ -84,13 +84,19 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
             "conflicts --from 01/06/2026",
             "in ISO 8601, such as 2026-03-01 or 2026-03-01T06:00; got '01/06/2026' (see conflictdb conflicts --help)",
         ),
+        ('slots "FERRY NORTH"', "conflictdb: unknown command 'slots'; use delays KEY (see conflictdb --help)"),
+        ("undo 3", "unknown command 'undo'; use apply N --undo (see"),
+        ("probe FERRY --late 20m", "probe: argument --late: needs KEY and DURATION (see"),
+        ("conflicts --since yesterday", "got 'yesterday'; or so long ago, such as 24h or 7d (see"),
+        ("export", "export: the following arguments are required: FILE (see"),
+        (f"map {__file__}", "; it is a file: `detect FILE` loads it and detects (see"),
         ("admin servce cron", "conflictdb admin: unknown command 'servce'; did you mean service? (see"),
     ],
 )
 def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The command with an unknown option names its own help, and the option probably intended."""
     with pytest.raises(SystemExit) as ended:
-        build().parse_args(typed.split())
+        build().parse_args(shlex.split(typed))
     assert ended.value.code == codes.USAGE
     assert told in capsys.readouterr().err
 

@@ -85,7 +85,8 @@ def _add_plans(commands: Any) -> None:
         metavar="FILE",
         help="file (.geojson, .parquet, .rtz, .kml, .ed318.json, .f3548.json, also .gz; -: stdout)",
     )
-    parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of the objects to write (default: all)")
+    about = "keys of the objects to write (default: all)"
+    parser.add_argument("keys", nargs="*", default=[], metavar="KEY", help=about)
     add_scene(parser)
     parser.add_argument(
         "--format",
@@ -203,14 +204,22 @@ def _add_questions(commands: Any) -> None:
     parser = command(commands, "delays", "delaying:delays", "say when plans could depart instead", more)
     parser.add_argument("key", nargs="?", metavar="KEY", help="track or area (default: every track)")
     add_scene(parser)
-    parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
-    parser.add_argument("--from", dest="start", type=time, metavar="TIME", help="free windows from TIME, of KEY")
-    parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="free windows until TIME")
-    parser.add_argument("--best", type=count, metavar="N", help="windows nearest to the plan")
+    parser.add_argument(
+        "--within", type=duration_s, default=7200.0, metavar="DURATION", help="how much later or earlier (default: 2h)"
+    )
+    parser.add_argument(
+        "--from", dest="start", type=time, metavar="TIME", help="list the free windows of KEY from TIME"
+    )
+    parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="list the free windows of KEY until TIME")
+    parser.add_argument("--best", type=count, metavar="N", help="only so many windows, those nearest to the plan")
     add_options(parser, "--margin", "--round", "--tz")
-    parser.add_argument("--clear-within-m", type=metres, metavar="M", help="show how far it stays clear")
-    parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before")
-    parser.add_argument("--waypoint", type=count, metavar="N", help="wait there instead")
+    parser.add_argument(
+        "--clear-within-m", type=metres, metavar="DISTANCE", help="show how far it stays clear, up to this"
+    )
+    parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before TIME")
+    parser.add_argument(
+        "--waypoint", type=count, metavar="N", help="wait at this waypoint instead of departing later, 1 is the first"
+    )
     add_format(parser, "table", "json")
 
     parser = command(commands, "speeds", "delaying:speeds", "say at which speeds tracks meet nothing")
