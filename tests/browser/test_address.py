@@ -46,7 +46,7 @@ def test_back_reload_and_a_copied_link_show_it_again(open_strait: Open, open_pag
     assert (round(time_of(page)), page.evaluate(PLACE)) == (round(shown[0]), shown[1])
     page.go_back()
     expect(page.locator("#detail")).to_be_hidden()
-    assert len(rows(page)) == 3
+    expect(page.locator(".row")).to_have_count(3)
     page.go_forward()
     expect(page.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
 

@@ -49,7 +49,7 @@ def test_objects_places_and_positions_are_found(open_strait: Open) -> None:
     expect(card.locator(".said")).to_contain_text(
         "No conflict. Nearest at its heights: CONVOY-1, 185 m (within 0.00025 m)"
     )
-    assert page.evaluate("conflictdbPage.havens.shown.some(({track}) => track.key === 'CONVOY-2')")
+    wait_until(page, "conflictdbPage.havens.shown.some(({track}) => track.key === 'CONVOY-2')")
     wait_until(page, "location.hash.includes('selected=CONVOY-2')")
     card.get_by_role("button", name="Deselect").click()
     expect(card).to_be_hidden()
@@ -58,7 +58,7 @@ def test_objects_places_and_positions_are_found(open_strait: Open) -> None:
     words.fill("ferry")
     words.press("Enter")
     expect(card.locator(".said")).to_have_text("3 conflicts, in the list below.")
-    assert sorted(rows(page)) == ["DIVING and FERRY", "FERRY and TOW", "FIRING and FERRY"]
+    wait_until(page, lambda: sorted(rows(page)) == ["DIVING and FERRY", "FERRY and TOW", "FIRING and FERRY"])
     page.go_back()
     expect(card).to_be_hidden()
 

@@ -50,7 +50,7 @@ def test_scene_is_shown_and_explored(open_strait: Open) -> None:
     assert rows(page) == ORDER
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
     until(lambda: shown(page, "conflicts") >= 6)
-    assert page.evaluate("conflictdbPage.havens.shown.length") >= 5
+    wait_until(page, "conflictdbPage.havens.shown.length >= 5")
     # It begins where the worst conflict is deepest.
     expect(page.locator("#order")).to_have_text("Worst first")
     expect(page.locator("#clock")).to_have_text("11:29:44")
@@ -64,7 +64,7 @@ def test_scene_is_shown_and_explored(open_strait: Open) -> None:
     slider.focus()
     for _ in range(10):
         slider.press("ArrowRight")
-    assert page.evaluate(places) != before
+    wait_until(page, lambda: page.evaluate(places) != before)
     assert time_of(page) > T0_S + 7 * 3600 + 41 * 60
     slider.press("End")
     expect(page.locator("li.on")).to_have_count(0)
@@ -102,8 +102,8 @@ def test_scene_is_shown_and_explored(open_strait: Open) -> None:
         "['FERRY', 'TOW'].map((key) => conflictdbPage.model.objects.get(key).motion.haven(conflictdbPage.t))"
     )
     assert shapely.distance(*map(shapely.Polygon, rings)) < 1e-6
-    seen = page.evaluate("conflictdbPage.havens.shown.map(({track}) => track.key)")
-    assert {"FERRY", "TOW"} <= set(seen)
+    seen = "conflictdbPage.havens.shown.map(({track}) => track.key)"
+    wait_until(page, lambda: {"FERRY", "TOW"} <= set(page.evaluate(seen)))
     assert page.evaluate("conflictdbPage.view.map.getZoom()") > 9
     await_drawn(page)
     until(lambda: shown(page, "conflicts", "s.chosen") == 1)

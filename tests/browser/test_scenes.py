@@ -29,8 +29,8 @@ def several(dsn: str, serve: Serve) -> str:
 
 
 def opened(page: Page, scene: str) -> None:
+    expect(page.locator("#title")).to_have_text(scene)  # not that of the page before
     page.wait_for_selector("html[data-ready=true]", state="attached")
-    expect(page.locator("#title")).to_have_text(scene)
 
 
 def assert_accessible(page: Page) -> None:
@@ -95,13 +95,13 @@ def assert_a_branch_is_compared_with_its_parent(page: Page, dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         diff = db.scene("no ferry").diff()
     gone = sorted(f"{one.a_key} and {one.b_key}" for one in diff.conflicts if one.change == "gone")
-    assert sorted(rows(page)) == gone
+    wait_until(page, lambda: sorted(rows(page)) == gone)
     assert len(gone) == len(diff.conflicts)
     assert_accessible(page)
     page.get_by_role("button", name="Dismiss").click()
     expect(page.locator("#changes")).to_be_hidden()
     expect(page.get_by_label("Changes since")).to_have_value("0")
-    assert len(rows(page)) == 4
+    expect(page.locator(".row")).to_have_count(4)
     with conflictdb.connect(dsn) as db:
         db.scene("no ferry").delete_objects("TOW")
 

@@ -50,6 +50,8 @@ def ask(page: Page, conflict: str, key: str) -> None:
 
 
 def said(page: Page, text: str) -> None:
+    """Wait for the text; answers about earlier places of a waypoint, which may read the same, have come."""
+    wait_until(page, "!conflictdbPage.departure.isProbing")
     expect(page.locator(".what-if .said")).to_have_text(text)
 
 
