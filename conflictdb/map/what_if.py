@@ -134,7 +134,7 @@ def _wholes(
     keys: Mapping[int, str],
     objects: NDArray[np.int64],
     which: NDArray[np.int64],
-    turn: NDArray[np.int64],
+    turn: NDArray[np.int16],
 ) -> dict[str, NDArray[Any]]:
     """Return the areas of several convex parts: as KernelAreas, and the number of the object (m,) of each.
 
