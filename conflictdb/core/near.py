@@ -55,7 +55,8 @@ class Question(NamedTuple):
     @classmethod
     def of(cls, scene: Scene) -> Self:
         """Return the question of a detection: within the largest separation in time."""
-        return cls(earlier_us=scene.longest_time_us, later_us=scene.longest_time_us)
+        most_us = scene.longest_time_us
+        return cls(earlier_us=most_us, later_us=most_us)
 
     @classmethod
     def shifted(cls, mine: _Ints, most_us: int | _Ints, *, each_way: bool = False) -> Self:
@@ -233,7 +234,7 @@ class Together:
         self._a: list[NDArray[np.int64]] = []
         self._b: list[NDArray[np.int64]] = []
         self._count = len(mine.pieces)
-        self._by_number: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
+        self._by_number: dict[Kind, list[Member]] = {}
         self.named: dict[tuple[int, int], tuple[str, str | None]] = {}
 
     @property

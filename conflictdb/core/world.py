@@ -7,7 +7,7 @@
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -155,12 +155,13 @@ class World:
         known : the window so far, which the new one contains
         moved : areas that the question moves as far as the tracks
         """
-        check_keys([area.key for area in areas] + [track.key for track in tracks])
-        check_datums(scene, [*areas, *tracks])
+        plans: list[Area | Track] = [*areas, *tracks]
+        check_keys([plan.key for plan in plans])
+        check_datums(scene, plans)
         window = known
-        if has_schedules([*areas, *tracks]):
+        if has_schedules(plans):
             window = horizon(scene, touched([*tracks, *moved], scene, reach), now_us=now_us, known=known)
-        return replace(cls.around(scene, areas, tracks), window=window)
+        return cls(Setup.of(centred(scene, areas, tracks)), window)
 
     def expanded(self, areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[list[Area], list[Track]]:
         """Return areas and tracks with the activations of their schedules in the window.

@@ -1,6 +1,7 @@
 """Compute in the Mercator plane, where rhumb lines are straight: scale, lengths and courses, distances on the earth."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,19 @@ from conflictdb.model.plans import MAX_RHUMB_LATITUDE_DEG
 
 # Latitude limit of a haven's vertices, nearer to the pole than that of waypoints, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
+
+
+@cache
+def _kernel_plane(earth: Earth) -> kernel.KernelPlane:
+    """Return the plane of a figure, of which there are few; nobody changes it."""
+    kind = kernel.KernelPlane.MERCATOR
+    plane = kernel.KernelPlane(kind, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
+    plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
+    plane.oblateness = earth.oblateness
+    for name in ("to_rectifying", "to_conformal", "conformal_radius"):
+        series = getattr(earth, name)
+        getattr(plane, name)[: len(series)] = series
+    return plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +47,7 @@ class Mercator:
 
     @property
     def kernel_plane(self) -> kernel.KernelPlane:
-        earth, kind = self.earth, kernel.KernelPlane.MERCATOR
-        plane = kernel.KernelPlane(kind, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
-        plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
-        plane.oblateness = earth.oblateness
-        for name in ("to_rectifying", "to_conformal", "conformal_radius"):
-            series = getattr(earth, name)
-            getattr(plane, name)[: len(series)] = series
-        return plane
+        return _kernel_plane(self.earth)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)

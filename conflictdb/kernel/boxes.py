@@ -4,7 +4,8 @@ import ctypes
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from operator import attrgetter
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +67,11 @@ class HeldBoxes(Held):
     def of(cls, rows: RowBoxes) -> Self:
         """Return pointers to the columns of rows, which have the same names."""
         held = cls(len(rows))
-        held.hold(**{name: getattr(rows, name) for name in cls.types})
+        held.hold(**dict(zip(cls.types, _columns(rows), strict=True)))
         return held
+
+
+_columns: Final = attrgetter(*HeldBoxes.types)
 
 
 class Compared(Held):

@@ -4,7 +4,8 @@ import ctypes
 import weakref
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from operator import attrgetter
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,10 +100,15 @@ class HeldPieces(Held):
     def of(cls, pieces: Pieces, used: NDArray[np.bool_]) -> "HeldPieces":
         """Return pointers to the arrays of pieces; used : (n,) whether a pair has the piece."""
         held = cls(len(pieces), len(pieces.shape_xy))
-        columns = {name: getattr(pieces, name) for name in cls.types.keys() - {"moves", "used", "shape", "shape_to"}}
+        columns = dict(zip(_COLUMNS, _columns(pieces), strict=True))
         shape_to = pieces.shape_to_xy if pieces.changes else None
         held.hold(moves=pieces.kind, used=used, shape=pieces.shape_xy, shape_to=shape_to, **columns)
         return held
+
+
+# Columns of the same names.
+_COLUMNS: Final = tuple(HeldPieces.types.keys() - {"moves", "used", "shape", "shape_to"})
+_columns: Final = attrgetter(*_COLUMNS)
 
 
 class HeldPairs(Held):

@@ -70,11 +70,12 @@ class Held(ctypes.Structure):
 
     def hold(self, **arrays: Any) -> None:
         """Set pointers to arrays by name, copied if of another type or not contiguous; None and others stay NULL."""
-        types = self.types
-        given = {name: values for name, values in arrays.items() if values is not None}
-        self._arrays = held = {name: np.ascontiguousarray(values, types[name]) for name, values in given.items()}
-        for name, array in held.items():
-            setattr(self, name, address(array))
+        self._arrays = []
+        for name, values in arrays.items():
+            if values is not None:
+                array = np.ascontiguousarray(values, self.types[name])
+                self._arrays.append(array)
+                setattr(self, name, address(array))
 
 
 def address(array: NDArray[Any]) -> int:

@@ -37,8 +37,8 @@ from conflictdb.model.rules import check_word
 _NO_TRACKS: Final = TrackBatch.of([])
 # Fewer plans than this that are put together wait until others were put, or a question is asked.
 _FEW: Final = 32
-# Plans that wait at most.
-_WAITING: Final = 500
+# Plans that wait at most: cutting takes memory for all of them at once.
+_WAITING: Final = 128
 # The fields of plans that count.
 _AREA_FIELDS, _TRACK_FIELDS = (
     attrgetter(*(one.name for one in fields(kind) if one.name != "properties")) for kind in (Area, Track)
@@ -180,11 +180,12 @@ class Index:
         mine = self._cut.members(world, given)
         keys = {one.key for one in given}
         question, met = Question.of(scene), Together(mine)
+        within_us = question.within_us
         if owner is None:
             met.add_among(question)
         plans_of, held = {one.key: one for one in given}, HeldBoxes.of(met.rows)
         for tree, put in (*state.levels, *extra.levels):
-            first, second = tree.pairs_of(held, question.within_us)
+            first, second = tree.pairs_of(held, within_us)
             if not len(second):
                 continue
             of = put.object_of[second].tolist()

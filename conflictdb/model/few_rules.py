@@ -19,6 +19,7 @@ from conflictdb.model.tolerances import as_members, tolerances_of
 
 # No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
+_UNBOUNDED_US: Final = np.array([MINUS_INFINITY_US, INFINITY_US])
 
 
 class FewColumns(NamedTuple):
@@ -82,18 +83,21 @@ def _activations(areas: Sequence[Any]) -> Broken:
     is_several = _of_each(area.schedule is None and len(area.spans_us) > 0 for area in areas)
     for name, side, extreme in (("start", 0, rows.least), ("end", 1, rows.most)):
         own = [getattr(area, f"{name}_us") for area in areas]
-        differs = extreme(spans[:, side], 0) != _of_each(0 if one is None else one for one in own)
-        has_own = _of_each(one is not None for one in own)
-        is_twice = is_several & has_own & differs
-        broken.add(is_twice, lambda _, name=name: (name, "must not be given together with spans"))  # type: ignore[misc]
-    is_outside = (spans != [MINUS_INFINITY_US, INFINITY_US]) & plan_rules.out_of_calendar(spans)
-    _add_place(broken, rows, "spans", is_outside.any(axis=1), plan_rules.IN_CALENDAR)
+        if own.count(None) < len(own):
+            differs = extreme(spans[:, side], 0) != _of_each(0 if one is None else one for one in own)
+            is_twice = is_several & _of_each(one is not None for one in own) & differs
+            rule = "must not be given together with spans"
+            broken.add(is_twice, lambda _, name=name, rule=rule: (name, rule))  # type: ignore[misc]
+    is_outside = plan_rules.out_of_calendar(spans) & (spans != _UNBOUNDED_US)
+    _add_place(broken, rows, "spans", is_outside, plan_rules.IN_CALENDAR)
     return broken
 
 
 def _add_place(broken: Broken, rows: Rows, field: str, flags: NDArray[np.bool_], rule: str) -> None:
-    """Add a rule that is broken at places (w,); the first is named."""
-    broken.add(rows.any(flags), lambda i: (f"{field}[{first_of(flags, rows, i)}]", rule))
+    """Add a rule that is broken at places (w,), or (w, k) for one of k reasons; the first is named."""
+    if np.count_nonzero(flags):
+        at = np.asarray(flags if flags.ndim == 1 else flags.any(axis=1))
+        broken.add(rows.any(at), lambda i: (f"{field}[{first_of(at, rows, i)}]", rule))
 
 
 def _derive_spans(area: Any) -> None:
@@ -140,7 +144,8 @@ def departures(departs_us: NDArray[np.int64], rows: Rows, lasts_us: Numbers) -> 
         return f"departures[{first_of(is_under_way, rows, i) + 1}]", rule
 
     broken.add(rows.any(is_under_way), overlap)
-    is_outside = plan_rules.out_of_calendar(departs_us) | plan_rules.out_of_calendar(end_us)
+    # A sum that overflows is of a departure that is outside itself.
+    is_outside = plan_rules.out_of_calendar(departs_us) | (end_us > plan_rules.MAX_INSTANT_US)
     broken.add(rows.any(is_outside), lambda _: ("departures", "must have voyages in the years 1 to 9999"))
     return broken
 
@@ -214,10 +219,10 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     is_other = _of_each(not np.array_equal(track.outlines_m[:1], track.outline_m[None]) for track in tracks)
     broken.add(is_other, lambda _: ("outline_m", "must be the first of outlines_m"))
     # From each outline to the next of the same track.
-    goes_on = np.arange(len(ring.count)) - np.repeat(rows.offset[1:] - 1, count) < 0
-    comes = np.append(False, goes_on[:-1])
+    place = np.arange(len(ring.count))
+    goes_on, comes = place < rows.spread(rows.offset[1:] - 1), place > rows.spread(rows.offset[:-1])
     is_lost = np.zeros(len(goes_on), np.bool_)
-    is_start, is_end = np.repeat(goes_on, ring.count), np.repeat(comes, ring.count)
+    is_start, is_end = ring.spread(goes_on), ring.spread(comes)
     is_lost[comes] = lose_convexity(outline_m[is_start], outline_m[is_end], Many.of(ring.count[goes_on]))
 
     def inside_out(i: int) -> tuple[str, str]:
@@ -262,10 +267,13 @@ def _heights(tracks: Sequence[Any]) -> Broken:
 
         own = [getattr(track, name) for track in tracks]
         broken.add(has_some & _of_each(a not in (None, b) for a, b in zip(own, wholes, strict=True)), other)
-    is_sound = np.atleast_1d(broken.is_sound)
-    pairs = [track.heights_m() if is_sound[i] else np.zeros((2, points[i] - 1, 2)) for i, track in enumerate(tracks)]
+    # Heights that are not one per leg or waypoint are not compared.
+    pairs = [
+        track.heights_m() if item(broken.is_sound, i) else (np.zeros((points[i] - 1, 2)), np.ones((points[i] - 1, 2)))
+        for i, track in enumerate(tracks)
+    ]
     floors_m, ceilings_m = (_together([pair[side] for pair in pairs]) for side in (0, 1))
-    is_low = np.repeat(is_sound, np.array(points) - 1)[:, None] & (ceilings_m <= floors_m)
+    is_low = ceilings_m <= floors_m
 
     def low(i: int) -> tuple[str, str]:
         leg, end = np.argwhere(is_low[legs.places(i)])[0].tolist()

@@ -46,7 +46,9 @@ _FARTHEST_M: Final = 1e6  # farther away nothing is near
 # Integers in these ranges are in the years 2001 to 2128 as seconds or milliseconds, but in the first weeks of 1970 as
 # microseconds.
 _LOW, _HIGH = 10**9, 5 * 10**9
-_MISTAKEN_UNITS: Final = {"seconds": 1, "milliseconds": 1_000}
+_MISTAKEN_UNITS: Final = tuple(
+    (unit, factor, _LOW * factor, _HIGH * factor) for unit, factor in (("seconds", 1), ("milliseconds", 1_000))
+)
 
 
 def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
@@ -62,7 +64,9 @@ def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
     if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind in "iu":
         whole = np.asarray(values, dtype=np.int64)
     else:
-        each = [_instant_us(who, f"{field}[{i}]", value) for i, value in enumerate(values)]
+        each = [
+            value if type(value) is int else _instant_us(who, f"{field}[{i}]", value) for i, value in enumerate(values)
+        ]
         try:
             whole = np.array(each, dtype=np.int64)
         except OverflowError:
@@ -77,11 +81,13 @@ def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
 
 def span_us(who: str, start: Instant | None, end: Instant | None) -> tuple[int | None, int | None]:
     """Return the ends of a span in microseconds since 1970, None if unbounded; raises InvalidInput."""
-    given = {name: value for name, value in (("start", start), ("end", end)) if value is not None}
-    found = {name: _instant_us(who, name, value) for name, value in given.items()}
-    if found and all(_is_whole(value) for value in given.values()):
-        _check_unit(who, next(iter(found)), min(found.values()), max(found.values()))
-    return found.get("start"), found.get("end")
+    start_us = None if start is None else _instant_us(who, "start", start)
+    end_us = None if end is None else _instant_us(who, "end", end)
+    first_us, last_us = end_us if start_us is None else start_us, start_us if end_us is None else end_us
+    if first_us is not None and last_us is not None and all(one is None or _is_whole(one) for one in (start, end)):
+        field = "end" if start is None else "start"
+        _check_unit(who, field, min(first_us, last_us), max(first_us, last_us))
+    return start_us, end_us
 
 
 def moment(who: str, field: str, given: Instant) -> datetime:
@@ -214,6 +220,8 @@ def heights_m(who: str, field: str, given: Heights) -> NDArray[np.float64]:
 
 
 def _instant_us(who: str, field: str, given: Any) -> int:
+    if type(given) is int:  # most are
+        return given
     if isinstance(given, datetime):
         if given.utcoffset() is None:
             rule = "needs an offset from UTC, such as datetime(2026, 6, 1, 8, tzinfo=UTC)"
@@ -227,13 +235,13 @@ def _instant_us(who: str, field: str, given: Any) -> int:
 
 
 def _is_whole(given: Any) -> bool:
-    return isinstance(given, int | np.integer) and not isinstance(given, bool)
+    return type(given) is int or (isinstance(given, int | np.integer) and not isinstance(given, bool))
 
 
 def _check_unit(who: str, field: str, first: int, last: int) -> None:
     """Refuse integers that are probably seconds or milliseconds, not microseconds."""
-    for unit, factor in _MISTAKEN_UNITS.items():
-        if _LOW * factor <= first and last < _HIGH * factor:
+    for unit, factor, low, high in _MISTAKEN_UNITS:
+        if low <= first and last < high:
             would_be = (EPOCH + first * MICROSECOND).isoformat(timespec="seconds")
             rule = f"whole numbers are microseconds since 1970: {first} would be {would_be}"
             remedy = f"if these are {unit}, multiply by {1_000_000 // factor:,}; if not, give datetimes"

@@ -89,6 +89,8 @@ def _lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.bo
         corners.spread(np.arange(len(corners.count))), 5.0 * first + middle + 5.0 * last, len(corners.count)
     )
     way = corners.spread(np.copysign(1.0, total))
+    if np.min(way * [first, middle, last], initial=0.0) >= 0.0:  # as most do
+        return np.zeros(len(corners.count), np.bool_)
     size = ring.most(np.abs(np.concatenate([start_m, end_m], axis=1)))
     slack = corners.spread(32.0 * sys.float_info.epsilon * size**2)
     first, middle, last = way * first, way * middle, way * last

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import InitVar, dataclass, field, fields
-from operator import attrgetter, is_
+from itertools import compress
+from operator import attrgetter, is_, is_not
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 import numpy as np
@@ -55,6 +56,9 @@ _ONE: Final = One(1)
 _AREA_FEW_FIELDS, _TRACK_FEW_FIELDS = (
     attrgetter(*(name for few in columns for name in few.fields)) for columns in (AREA_FEW, TRACK_FEW)
 )
+# The columns of each of these fields.
+_OF_AREA_FIELDS, _OF_TRACK_FIELDS = ([few for few in columns for _ in few.fields] for columns in (AREA_FEW, TRACK_FEW))
+_SOUND: Final = {"": True}
 _Class = TypeVar("_Class")
 
 
@@ -132,8 +136,9 @@ class Area:
                 start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
                 _keep(self, start_us=start_us, end_us=end_us)
                 plan_rules.spans(*_bounds(start_us, end_us), _ONE).raise_for(0, who)
-        if not all(map(is_, _AREA_FEW_FIELDS(self), _AREA_ABSENT)):
-            _check_few(who, self, AREA_FEW, refusals)
+        few = _AREA_FEW_FIELDS(self)
+        if not all(map(is_, few, _AREA_ABSENT)):
+            _check_few(who, self, compress(_OF_AREA_FIELDS, map(is_not, few, _AREA_ABSENT)), _SOUND, refusals)
         _keep_heights(who, self, refusals)
         with refusals:
             _check_properties(who, self.properties)
@@ -252,9 +257,10 @@ class Track:
             with refusals:
                 limit_kn = inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn)
                 check_speed(who, self.positions_deg, self.times_us, limit_kn)
-        if not all(map(is_, _TRACK_FEW_FIELDS(self), _TRACK_ABSENT)):
-            sound = {"": True, "path": course.is_sound, "outline": outline.is_sound}
-            _check_few(who, self, tuple(few for few in TRACK_FEW if sound[few.needs]), refusals)
+        few = _TRACK_FEW_FIELDS(self)
+        if not all(map(is_, few, _TRACK_ABSENT)):
+            sound = _SOUND | {"path": bool(course.is_sound), "outline": bool(outline.is_sound)}
+            _check_few(who, self, compress(_OF_TRACK_FIELDS, map(is_not, few, _TRACK_ABSENT)), sound, refusals)
         if self.floors_m is None and self.ceilings_m is None:
             with refusals:
                 _check_heights(who, self)
@@ -300,8 +306,9 @@ class StoredTrack(Track):
 
 def has_unknown_times(plan: Area | Track) -> bool:
     """Return whether a stored plan has a schedule that is not expanded, or not understood."""
-    given = plan.spans_us if isinstance(plan, Area) else plan.departures_us
-    return plan.is_stored and plan.schedule is not None and given is None
+    if not plan.is_stored or plan.schedule is None:
+        return False
+    return (plan.spans_us if isinstance(plan, Area) else plan.departures_us) is None
 
 
 def is_idle(plan: Area | Track) -> bool:
@@ -426,9 +433,14 @@ def _check_heights(who: str, plan: "Area | Track") -> None:
         plan_rules.heights(*_bounds(plan.floor_m, plan.ceiling_m), _ONE).raise_for(0, who)
 
 
-def _check_few(who: str, plan: "Area | Track", columns: tuple[FewColumns, ...], refusals: Refusals) -> None:
-    """Check columns that few plans have; errors are added."""
-    for few in columns:
-        if few.is_of(plan):
+def _check_few(
+    who: str, plan: "Area | Track", columns: Iterable[FewColumns], sound: Mapping[str, bool], refusals: Refusals
+) -> None:
+    """Check columns that few plans have, and that this plan may give; errors are added.
+
+    sound : whether the columns that others need keep their rules
+    """
+    for few in dict.fromkeys(columns):
+        if sound[few.needs] and few.is_of(plan):
             with refusals:
                 few.check(who, plan)
