@@ -82,13 +82,12 @@ class Separations:
         return cls(settings, of_types, vertical_m, numbers[order], (2 * (order + 1)).astype(np.int64))
 
     def of_two(self, a: Area | Track, b: Area | Track) -> Scene | None:
-        """Return the settings of two objects; None if they are not compared."""
+        """Return the settings of two objects of different owners; None if they are not compared."""
         both = a, b
         kinds = [np.array([(Kind.AREA if isinstance(one, Area) else Kind.TRACK).code], np.int8) for one in both]
         numbers = [numbers_of_words([one.object_class]) for one in both]
         found = int(self.of_pairs(kinds, numbers)[0])
-        is_one = a.owner is not None and a.owner == b.owner
-        return None if found == NEVER or is_one else self.settings[found]
+        return None if found == NEVER else self.settings[found]
 
     def types(self, kind: _Ints, class_number: _Ints) -> NDArray[np.int64]:
         """Return the types of objects (n,), by their kinds and the numbers of their classes."""
