@@ -11,7 +11,7 @@ alone decides.
 - index: `Index.probe` and `put`
 - solve: `solve` of all accepted volumes and the new ones
 - stored: `scene.admit` and the function admit of SQL, in the embedded database, of 40 flights among the accepted ones,
-  which a detection has seen
+  which a detection has seen. Plans that a worker must decide: by the clock, from the call of admit to its answer
 - motions: processor time of `solve` of 20 tracks on great circles, as a multiple of that on rhumb lines
 - memory: of an index of as many random flights, and of their plans themselves, in a process of its own
 
@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.store import WORKER_NAME, WorkerStamp
+from conflictdb.store import service
 
 if TYPE_CHECKING:
     import psycopg
@@ -329,6 +329,7 @@ def memory(flights: int, motion: str) -> tuple[int, float, float]:
     """Return the volumes of random flights, and the bytes a volume of an index that has them, and of the plans."""
     rng, index = np.random.default_rng(flights), Index(Scene("admit", motion=motion, tolerance_m=0.005))  # type: ignore[arg-type]
     index.put(flight(rng, "first", "volumes").plans, owner="first")
+    index.probe(flight(rng, "asked", "volumes").plans, owner="asked")  # what a first use imports and makes is no volume
     size = [resident_bytes()]
     each = [flight(rng, f"f{k}", "volumes").plans for k in range(flights)]
     size.append(resident_bytes())
@@ -358,11 +359,10 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
                 plans = flight(rng, f"{name} {k}", form).plans
                 timed(lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, clock)
             print(f"    stored, {name}: admit {spread(took)}", flush=True)
-        with conflictdb.connect() as worker:
-            # Else plans that one must decide are refused.
-            worker.connection.execute(f"SET application_name = '{WORKER_NAME}'".encode())
-            worker.connection.commit()
-            WorkerStamp().begin(worker.connection)
+        with measured.worker():  # else plans that one must decide are refused
+            while not service(db.connection).worker_count:
+                db.connection.rollback()
+                time.sleep(0.1)
             in_sql(db.connection, rng, form, clock)
         print(f"    beat {beat():.2f} ms", flush=True)
         city.delete()
@@ -371,19 +371,27 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
 def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str, clock: Callable[[], float]) -> None:
     """Admit flights by the function of SQL; those that a worker must decide count as undecided."""
     took: list[float] = []
+    answered: list[float] = []
     rows: list[Any] = []
     for k in range(ASKED_MORE):
         plans = json.dumps([as_plan(plan) for plan in flight(rng, f"sql {k}", form).plans])
         given = ("benchmark of admissions", plans, f"sql {k}")
 
         def ask(given: tuple[str, str, str] = given) -> None:
-            rows.append(conn.execute("SELECT admitted FROM conflictdb.admit(%s, %s, %s)", given).fetchone())
+            query = "SELECT admitted, request_id FROM conflictdb.admit(%s, %s, %s)"
+            rows.append(conn.execute(query, given).fetchone())
             conn.commit()
 
+        began = time.perf_counter()
         timed(ask, took, clock)
+        if rows[-1][0] is None:
+            conn.execute("SELECT conflictdb.wait_for_admission(%s)", [rows[-1][1]])
+            conn.commit()
+            answered.append(1e3 * (time.perf_counter() - began))
     said = [row[0] for row in rows]
     counts = ", ".join(f"{said.count(one)} {name}" for one, name in ANSWERS)
-    print(f"    stored, in SQL: admit {spread(took)}; {counts}", flush=True)
+    by_worker = f"; to a worker's answer {spread(answered)}" if answered else ""
+    print(f"    stored, in SQL: admit {spread(took)}; {counts}{by_worker}", flush=True)
 
 
 def as_plan(plan: Area | Track) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import os
 import platform
 import resource
 import statistics
+import subprocess
 import sys
 import threading
 import time
@@ -164,6 +165,18 @@ def _detections(
         same = detect(db, scene, **settings) if again else None
         changed = medians(change_one(db, scene, CHANGES, **settings))
     return new, same, changed, peak_mb()
+
+
+@contextmanager
+def worker(dsn: str | None = None) -> Iterator[None]:
+    """Run a worker that keeps a database current, by default the embedded one."""
+    where = [] if dsn is None else ["--dsn", dsn]
+    command = [sys.executable, "-m", "conflictdb", *where, "worker"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 def in_fresh_process(work: Callable[..., Any], *arguments: Any) -> Any:

@@ -11,16 +11,13 @@ earlier detections, as after months of use.
 
 import argparse
 import statistics
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Final
 
 import psycopg
 from made_scenes import sea
-from measured import fresh_database, load, processor_clock, versions
+from measured import fresh_database, load, processor_clock, versions, worker
 
 import conflictdb
 from conflictdb import Scene
@@ -76,17 +73,6 @@ def medians_ms(changes: Changes, answer: Callable[[], object], times: int, clock
         spent.append(1e3 * (clock() - began_work))
     worked = f"{statistics.median(spent):6.1f} ms of processors" if any(spent) else ""
     return f"{statistics.median(clocks):6.1f} ms (least {min(clocks):.1f}) {worked}"
-
-
-@contextmanager
-def worker(dsn: str) -> Iterator[None]:
-    """Run a worker that keeps a database current."""
-    command = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        try:
-            yield
-        finally:
-            process.terminate()
 
 
 def await_detection(listener: psycopg.Connection[Any]) -> None:

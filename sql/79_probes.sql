@@ -607,8 +607,10 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._await_answer(
 ) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    c_pause_s CONSTANT double precision := 0.02;
+    c_longest_pause_s CONSTANT double precision := 0.02;
     v_until timestamptz := _end_of_wait(p_timeout);
+    v_began timestamptz := clock_timestamp();
+    v_waited_s double precision;
     v_who text := format('probe %s', coalesce(p_probe_id::text, 'null'));
     v_request record;
 BEGIN
@@ -634,7 +636,10 @@ BEGIN
             FOUND := _raise('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
                             'probe_answered_in_time', 'Is a worker running, and not at work on a large detection?');
         END IF;
-        PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
+        -- The answer is found within a tenth of the time that it took.
+        v_waited_s := extract(epoch FROM clock_timestamp() - v_began);
+        PERFORM pg_sleep(least(greatest(0.1 * v_waited_s, 0.001), c_longest_pause_s,
+                               extract(epoch FROM v_until - clock_timestamp())));
     END LOOP;
     IF v_request.error IS NOT NULL THEN
         FOUND := _raise('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e3f2b63c8550665b45087707ce0b88af740f0121ab5ce6964748bcab7005a29e"
+routines_sha256 = "bbcf09d6dc076b2204255cbcd912e19d73a6f938c6155c8ee48328a7f8d6787b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
