@@ -6,6 +6,7 @@ from typing import Any
 import psycopg
 import pytest
 from databases import TestServer
+from reused import FORGET_ALL, state_of
 
 from conflictdb.jobs import schema
 
@@ -32,10 +33,26 @@ def shared_dsn(_server: TestServer, template: str, worker_id: str) -> Iterator[s
     _server.drop(name)
 
 
+@pytest.fixture(scope="session")
+def _session(shared_dsn: str) -> Iterator[list[psycopg.Connection[Any]]]:
+    """The session of earlier tests, if there is one: a new one reads catalogs and compiles routines first."""
+    kept: list[psycopg.Connection[Any]] = []
+    yield kept
+    for connection in kept:
+        connection.close()
+
+
 @pytest.fixture
-def rolled_back(shared_dsn: str) -> Iterator[psycopg.Connection[Any]]:
+def rolled_back(shared_dsn: str, _session: list[psycopg.Connection[Any]]) -> Iterator[psycopg.Connection[Any]]:
     """Return a connection whose transaction is rolled back; names mean those of the schema, then PostGIS's."""
     options = "-c timezone=UTC -c search_path=conflictdb,conflictdb_internal,public"
-    with psycopg.connect(shared_dsn, options=options) as connection:
-        yield connection
-        connection.rollback()
+    connection = _session.pop() if _session else psycopg.connect(shared_dsn, options=options, prepare_threshold=None)
+    before = state_of(connection)
+    yield connection
+    connection.rollback()
+    if state_of(connection) == before:
+        connection.execute(FORGET_ALL)
+        connection.commit()
+        _session.append(connection)
+    else:
+        connection.close()

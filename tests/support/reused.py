@@ -159,11 +159,11 @@ class ReusedDatabase:
             conn, self._kept = self._kept, None
         if conn is None:
             conn = psycopg.connect(dsn, options="-c timezone=UTC", prepare_threshold=None)
-        before = _state_of(conn)
+        before = state_of(conn)
         yield conn
         with suppress(psycopg.Error):  # the test ended the session
             conn.rollback()
-            if own and _state_of(conn) == before:
+            if own and state_of(conn) == before:
                 conn.autocommit = True
                 conn.execute(FORGET_ALL)
                 if conn.info.server_version >= 150000:  # it has not ended, see WRITTEN
@@ -261,7 +261,7 @@ class ReusedDatabase:
         return row[0]
 
 
-def _state_of(conn: psycopg.Connection[Any]) -> list[object]:
+def state_of(conn: psycopg.Connection[Any]) -> list[object]:
     """Return what tests change of a connection."""
     handlers = [len(conn._notice_handlers), len(conn._notify_handlers)]
     factories = [conn.row_factory, conn.cursor_factory, conn.server_cursor_factory, conn.prepare_threshold]
