@@ -9,7 +9,7 @@ import pytest
 import shapely
 from browsing import Open, go_to, wait_until
 from large_scenes import HOUR_US, T0_US, drones, many
-from map_page import served_page
+from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
@@ -41,7 +41,7 @@ def show_time(page: Page, hours: float) -> None:
     page.evaluate(script, T0_S + hours * 3600)
 
 
-def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, open_page: Open) -> None:
+def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     """Areas with their holes, paths and first contacts, by time and filter, across the date line; tiles when near."""
     outline = rectangle_outline_m(5000, 5000, 5000, 5000)
     times = np.array([T0_US, T0_US + 10 * HOUR_US])
@@ -59,47 +59,45 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
     tracks += [Track(f"T{n}", [(lon, 8.0), (lon, 9.0)], times, small) for n, lon in starts]
     load(conn, Scene("s"), areas, tracks)
     detect(conn, "s", jobs=1)
-    with served_page(dsn, "s") as address:
-        page = open_page(address)
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
-        show_time(page, 1.0)
-        wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
-        assert alpha(page, 179.0, 3.0) == 0  # the hole
-        assert alpha(page, 186.0, 3.0) == 0
-        assert alpha(page, 183.0, 3.0) < 15
-        assert max(alpha(page, 181.5, 2.0 + dy) for dy in (-0.02, 0.0, 0.02)) > 50  # a path across the date line
-        show_time(page, 7.0)
-        wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
-        page.get_by_role("combobox", name="Object").fill("t1")
-        wait_until(page, lambda: alpha(page, 183.0, 3.0) == 0)
-        page.get_by_role("combobox", name="Object").fill("")
-        wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
-        assert_first_contacts_are_strong_while_on(page)
-        tiles = page.evaluate("performance.getEntriesByType('resource').filter(({name}) => name.includes('/tiles/'))")
-        assert tiles == []
-        assert [url for url in asked if "/tiles/" in url] == []
+    address = serve(dsn, "s")
+    page = open_page(address)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    show_time(page, 1.0)
+    wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
+    assert alpha(page, 179.0, 3.0) == 0  # the hole
+    assert alpha(page, 186.0, 3.0) == 0
+    assert alpha(page, 183.0, 3.0) < 15
+    assert max(alpha(page, 181.5, 2.0 + dy) for dy in (-0.02, 0.0, 0.02)) > 50  # a path across the date line
+    show_time(page, 7.0)
+    wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
+    page.get_by_role("combobox", name="Object").fill("t1")
+    wait_until(page, lambda: alpha(page, 183.0, 3.0) == 0)
+    page.get_by_role("combobox", name="Object").fill("")
+    wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
+    assert_first_contacts_are_strong_while_on(page)
+    tiles = page.evaluate("performance.getEntriesByType('resource').filter(({name}) => name.includes('/tiles/'))")
+    assert tiles == []
+    assert [url for url in asked if "/tiles/" in url] == []
 
-        # The mark of a first contact, at its place, opens its conflict.
-        place = page.evaluate(
-            "(({lon, lat}) => [lon, lat])(conflictdbPage.model.conflicts.find(({a}) => a === 'HOLED'))"
-        )
-        red, _, blue, _ = page.evaluate(COLOUR, [*place, "overview"])
-        assert red > blue + 50
-        point = page.evaluate(
-            """(place) => { const {map} = conflictdbPage.view, {x, y} = map.project(place);
-            const box = map.getContainer().getBoundingClientRect(); return [box.x + x, box.y + y]; }""",
-            place,
-        )
-        page.mouse.click(*point)
-        expect(page.locator("#detail").get_by_role("heading")).to_have_text("HOLED and CROSSES")
-        page.keyboard.press("Escape")
+    # The mark of a first contact, at its place, opens its conflict.
+    place = page.evaluate("(({lon, lat}) => [lon, lat])(conflictdbPage.model.conflicts.find(({a}) => a === 'HOLED'))")
+    red, _, blue, _ = page.evaluate(COLOUR, [*place, "overview"])
+    assert red > blue + 50
+    point = page.evaluate(
+        """(place) => { const {map} = conflictdbPage.view, {x, y} = map.project(place);
+        const box = map.getContainer().getBoundingClientRect(); return [box.x + x, box.y + y]; }""",
+        place,
+    )
+    page.mouse.click(*point)
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text("HOLED and CROSSES")
+    page.keyboard.press("Escape")
 
-        go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom + 1}")
-        wait_until(page, lambda: alpha(page, 180.5, 3.0) == 0)
-        assert [url for url in asked if "/tiles/areas/" in url] != []
-        go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom - 3}")
-        wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
+    go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom + 1}")
+    wait_until(page, lambda: alpha(page, 180.5, 3.0) == 0)
+    assert [url for url in asked if "/tiles/areas/" in url] != []
+    go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom - 3}")
+    wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
 
 
 def assert_first_contacts_are_strong_while_on(page: Page) -> None:
@@ -135,7 +133,7 @@ SLID_MS = """async () => {
 @pytest.mark.slow
 @pytest.mark.parametrize("is_detected", [False, True], ids=["waits", "detected"])
 def test_twenty_thousand_objects_are_shown_and_moved(
-    is_detected: bool, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+    is_detected: bool, conn: Conn, dsn: str, serve: Serve, open_page: Open, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A first view within 2 s, or 3 with conflicts, and more than 20 pictures a second: medians of some tries."""
     load(conn, Scene("s"), *many(20_000))
@@ -145,16 +143,16 @@ def test_twenty_thousand_objects_are_shown_and_moved(
     conn.execute("ANALYZE")
     conn.commit()
     views_s, pictures_per_s = [], []
-    with served_page(dsn, "s") as address:
-        for _ in range(TRIES):
-            page = open_page(address, size=(1440, 900), draws_map=True)
-            views_s.append(page.evaluate("performance.getEntriesByName('shown')[0].startTime") / 1000)
-            expect(page.locator("#state")).to_contain_text("10,000 areas · 10,000 tracks")
-            if is_detected:
-                expect(page.locator("#count")).to_have_text("17,526 conflicts")
-            pictures_ms = page.evaluate(SLID_MS)
-            pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
-            page.close()
+    address = serve(dsn, "s")
+    for _ in range(TRIES):
+        page = open_page(address, size=(1440, 900), draws_map=True)
+        views_s.append(page.evaluate("performance.getEntriesByName('shown')[0].startTime") / 1000)
+        expect(page.locator("#state")).to_contain_text("10,000 areas · 10,000 tracks")
+        if is_detected:
+            expect(page.locator("#count")).to_have_text("17,526 conflicts")
+        pictures_ms = page.evaluate(SLID_MS)
+        pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
+        page.close()
     with capsys.disabled():
         sys.stdout.write(f"\nfirst view {np.round(views_s, 2)} s, {np.round(pictures_per_s)} pictures a second\n")
     assert np.median(views_s) < (MOST_DETECTED_VIEW_S if is_detected else MOST_FIRST_VIEW_S)
@@ -163,18 +161,18 @@ def test_twenty_thousand_objects_are_shown_and_moved(
 
 @pytest.mark.slow
 def test_a_crowded_harbour_plays_as_smoothly_as_twenty_thousand_objects(
-    conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+    conn: Conn, dsn: str, serve: Serve, open_page: Open, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """300 drones, 1,878 conflicts among them."""
     load(conn, Scene("s"), [], drones(300))
     detect(conn, "s", jobs=1)
     conn.commit()
-    with served_page(dsn, "s") as address:
-        page = open_page(address, size=(1440, 900), draws_map=True)
-        pictures_per_s = []
-        for _ in range(TRIES):
-            pictures_ms = page.evaluate(SLID_MS)
-            pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
+    address = serve(dsn, "s")
+    page = open_page(address, size=(1440, 900), draws_map=True)
+    pictures_per_s = []
+    for _ in range(TRIES):
+        pictures_ms = page.evaluate(SLID_MS)
+        pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
     with capsys.disabled():
         sys.stdout.write(f"\n{np.round(pictures_per_s)} pictures a second\n")
     assert np.median(pictures_per_s) > LEAST_PICTURES_PER_S
