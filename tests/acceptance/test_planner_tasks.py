@@ -137,6 +137,22 @@ def test_11_the_first_free_departure(day: Run) -> None:
     assert free["least_later_s"] == pytest.approx(4 * 3600 + 42 * 60 + 25.784, abs=1e-3)
 
 
+def test_11_the_best_departures_of_a_morning_with_a_margin(day: Run) -> None:
+    """Windows in clock times, and who closes each gap; the first one opens five minutes later than without a margin.
+
+    Until then FERRY SOUTH alone is in the way.
+    """
+    between = ("--from", "2026-12-01T06:00Z", "--to", "2026-12-01T12:00Z", "--best", "3")
+    found = day("delays", "FERRY NORTH", *between, "--margin", "5m")
+    assert found.code == 0, found.err
+    assert "clear by 5 min" in found.out
+    assert re.findall(r"^free +(\S+)", found.out, re.MULTILINE) == ["10:48-12:00"]
+    closed = re.findall(r"^closed +(\S+), by (.*)", found.out, re.MULTILINE)
+    assert closed[0][0].startswith("06:00-")
+    assert closed[-1] == ("08:17-10:48", "FERRY SOUTH (Morning ferry southbound)")
+    assert re.findall(r"^free +(\S+)", day("delays", "FERRY NORTH", *between).out, re.MULTILINE)[-1] == "10:43-12:00"
+
+
 def test_12_two_ferries_exchange_their_times(day: Run, tmp_path: Path) -> None:
     """By one command, with the answer of a detection of the changed file."""
     late = ("--late", "FERRY NORTH", "1h", "--late", "FERRY SOUTH", "-1h")
