@@ -494,7 +494,8 @@ BEGIN
     PERFORM _prune_probes();
     INSERT INTO probe_request (scene_id, kind, plans, options) VALUES (p_scene_id, p_kind, p_plans, p_options)
         RETURNING probe_id INTO v_probe_id;
-    PERFORM _wake_workers();
+    -- Somebody waits, so also while another transaction is about to wake the workers (_wake_workers).
+    PERFORM _notify('conflictdb_request', '');
     RETURN v_probe_id;
 END
 $$;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "bbcf09d6dc076b2204255cbcd912e19d73a6f938c6155c8ee48328a7f8d6787b"
+routines_sha256 = "c2d55ce75057d1c4de8c28c09cd465a1188d7d37658ba9e6c985e47557e8d28e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -148,6 +148,16 @@ def test_changes_and_requests_wake_listeners_once_per_transaction(scene: Conn, d
         assert len(list(listener.notifies(timeout=WAIT_S, stop_after=1))) == 1
 
 
+def test_a_question_wakes_a_worker_while_an_editor_has_not_committed(scene: Conn, dsn: str) -> None:
+    """The editor would wake it at commit, perhaps much later."""
+    scene.commit()
+    with psycopg.connect(dsn, autocommit=True) as listener, psycopg.connect(dsn, autocommit=True) as asker:
+        listener.execute("LISTEN conflictdb_request")
+        scene.execute(AREA, ["A", -1, None])
+        asker.execute("SELECT conflictdb.request_probe('s', ST_SetSRID(ST_MakeEnvelope(4, 57, 5, 58), 4326), NULL)")
+        assert len(list(listener.notifies(timeout=WAIT_S, stop_after=1))) == 1
+
+
 def scene_id(conn: Conn) -> int:
     row = conn.execute("SELECT scene_id FROM scene").fetchone()
     assert row is not None
