@@ -79,7 +79,9 @@ COMMENT ON FUNCTION _put_live(bigint, bigint, text[], text[], double precision[]
 
 CREATE OR REPLACE VIEW live WITH (security_invoker = true) AS
 SELECT s.name AS scene, l.key, l.state, l.late_from_s, l.late_to_s, l.off_m, l.instant, l.place, l.height_m, l.error_m,
-       l.as_of
+       l.as_of, l.slack_s,
+       (SELECT min(c.first_contact) FROM live_conflict c
+        WHERE c.scene_id = l.scene_id AND l.key IN (c.key, c.other_key)) AS first_alarm
 FROM scene s JOIN live_state l USING (scene_id);
 
 COMMENT ON VIEW live IS
@@ -100,11 +102,16 @@ COMMENT ON COLUMN live.place IS 'Last position.';
 COMMENT ON COLUMN live.height_m IS 'Height of the last position, metres; null: unknown.';
 COMMENT ON COLUMN live.error_m IS 'How far off the last position may be, metres.';
 COMMENT ON COLUMN live.as_of IS 'When a worker looked last.';
+COMMENT ON COLUMN live.slack_s IS
+'By how much its lateness may change before a conflict follows, seconds; 0: one follows (view live_conflicts). '
+'Null: none within what is stored, or unknown.';
+COMMENT ON COLUMN live.first_alarm IS 'First contact of the conflicts that follow; null: none, or unknown.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._live(
     p_scene text, OUT key text, OUT state text, OUT late_from_s double precision, OUT late_to_s double precision,
     OUT off_m double precision, OUT instant timestamptz, OUT lon_deg double precision, OUT lat_deg double precision,
-    OUT height_m double precision, OUT error_m double precision, OUT as_of timestamptz
+    OUT height_m double precision, OUT error_m double precision, OUT as_of timestamptz, OUT slack_s double precision,
+    OUT first_alarm timestamptz
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -114,9 +121,10 @@ BEGIN
     PERFORM _scene_id(p_scene);
     RETURN QUERY
         SELECT l.key, l.state, l.late_from_s, l.late_to_s, l.off_m, l.instant, ST_X(l.place), ST_Y(l.place),
-               l.height_m, l.error_m, l.as_of
+               l.height_m, l.error_m, l.as_of, l.slack_s, l.first_alarm
         FROM live l WHERE l.scene = p_scene
-        ORDER BY array_position(c_worst, l.state), greatest(abs(l.late_from_s), abs(l.late_to_s)) DESC, l.key;
+        ORDER BY l.first_alarm, array_position(c_worst, l.state),
+                 greatest(abs(l.late_from_s), abs(l.late_to_s)) DESC, l.key;
 END
 $$;
 COMMENT ON FUNCTION _live(text) IS

@@ -3,7 +3,7 @@
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC
 from itertools import chain
@@ -33,7 +33,7 @@ from conflictdb.model.settings import STORED_BY_DETECT, given
 
 if TYPE_CHECKING:
     from conflictdb.client.stored_scene import StoredScene
-    from conflictdb.store import LiveTrack
+    from conflictdb.store import LiveConflict, LiveTrack
 
 # Options that need files.
 _FOR_FILES: Final = (
@@ -110,7 +110,8 @@ def conflicts(args: argparse.Namespace) -> int:
         others = selected or args.wait is not None or args.require_current or args.format not in ("table", "json")
         check(args, [(others, "--live goes with --format table or json, --scene and --tz alone")])
         with database(args) as db:
-            _print_live(db.scene(args.scene).live(), args)
+            scene = db.scene(args.scene)
+            _print_live(scene.live(), scene.live_conflicts(), args)
         return DONE
     with database(args) as db:
         wait(db, args)
@@ -123,25 +124,54 @@ def conflicts(args: argparse.Namespace) -> int:
     return listed(found.state)
 
 
-def _print_live(found: "Sequence[LiveTrack]", args: argparse.Namespace) -> None:
-    """Print how tracks keep their plans."""
+def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", args: argparse.Namespace) -> None:
+    """Print the conflicts that follow, and how tracks keep their plans."""
     if args.format == "json":
-        ends = ("instant", "as_of")
-        print_json([asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found])
+        moments = ("instant", "as_of", "first_alarm", "first_contact", "last_contact", "opened_at")
+        rows = {
+            name: [{k: format_moment(v) if k in moments else v for k, v in asdict(one).items()} for one in every]
+            for name, every in (("conflicts", alarms), ("tracks", found))
+        }
+        print_json(rows)
         return
     shown = Shown(args.tz or UTC)
-    header = ["KEY", "STATE", "LATE", "OFF", shown.header("LAST POSITION")]
+    states = {one.key: one for one in found}
+    for alarm in alarms:
+        out(_alarm_text(alarm, states, shown))
+    if alarms:
+        out()
+    header = ["KEY", "STATE", "LATE", "OFF", "SLACK", shown.header("LAST POSITION")]
     lines = [
         [
             one.key,
             one.state,
             None if one.late_from_s is None or one.late_to_s is None else _lateness(one.late_from_s, one.late_to_s),
             None if one.off_m is None else f"{one.off_m:,.0f} m",
+            None if one.slack_s is None else f"{one.slack_s / 60.0:,.0f} min",
             shown.moment(one.instant, up=False),
         ]
         for one in found
     ]
-    out(table(header, lines, right=header[2:4], whole=header[4:]) if found else "no positions")
+    out(table(header, lines, right=header[2:5], whole=header[5:]) if found else "no positions")
+
+
+def _alarm_text(alarm: "LiveConflict", states: "Mapping[str, LiveTrack]", shown: Shown) -> str:
+    """Return an alarm as a sentence, such as: FERRY +12 to +13 min late: meets TOW at 09:58:20 (slack used up)."""
+    who = []
+    for key in (alarm.key, alarm.other_key):
+        state = states.get(key) if key is not None else None
+        if key is not None and (state is not None or key == alarm.key):
+            late = None if state is None or state.late_from_s is None or state.late_to_s is None else state
+            said = "" if state is None or state.state == "on plan" else f" {state.state}"
+            by = "" if late is None or not said else f" {_lateness(late.late_from_s or 0.0, late.late_to_s or 0.0)}"
+            who.append((key, by + said))
+    first = who[0][0] + who[0][1]
+    if alarm.other_key is None:
+        return f"{first}: may meet anything near ({alarm.reason})"
+    other = who[1][0] + who[1][1] if len(who) > 1 else alarm.other_key
+    at = "" if alarm.first_contact is None else f" at {shown.moment(alarm.first_contact, up=False)}"
+    verb = {"must": "meets", "may": "may meet", "now": "meets now"}[alarm.verdict]
+    return f"{first}: {verb} {other}{at} ({alarm.reason or 'slack used up'})"
 
 
 def _lateness(from_s: float, to_s: float) -> str:

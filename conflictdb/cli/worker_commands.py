@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 def work(args: argparse.Namespace) -> int:
     """Keep all scenes current."""
+    if args.replay is not None:
+        return _replay(args)
+    check(args, [(args.scene is not None, "--scene is for --replay")])
     other = "--every" if args.every is not None else "--http" if args.http is not None else None
     check(args, [(args.once and other is not None, f"--once and {other} exclude each other")])
     # Imported here: it loads the solvers, which are slow to import.
@@ -48,6 +51,37 @@ def work(args: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):
             worker.run()
     note("stopped")
+    return DONE
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Replay a file of positions."""
+    from conflictdb.formats.reading import read_observed
+    from conflictdb.jobs.replay import replay
+
+    others = [name for name in ("once", "every", "http", "lock_timeout") if getattr(args, name)]
+    option = "".join(others[:1]).replace("_", "-")
+    check(args, [(bool(others), f"--replay and --{option} exclude each other")])
+    args.needs_scene = True
+    fixes, _ = read_observed(args.replay)
+    alarms: set[int] = set()
+    with database(args) as db, connections(args, store.worker_dsn) as connection, connection() as conn:
+        scene = db.scene(args.scene)
+
+        def report(now_us: int, looked: int) -> None:
+            if not looked:
+                return
+            for one in scene.live_conflicts():
+                if one.alarm_id not in alarms:
+                    alarms.add(one.alarm_id)
+                    at = format_moment(datetime.fromtimestamp(now_us / 1e6, UTC))
+                    meets = "anything near" if one.other_key is None else one.other_key
+                    out(f"{at} {one.key} {one.verdict} meet {meets}", flush=True)
+
+        note("replaying; Ctrl-C ends")
+        with suppress(KeyboardInterrupt):
+            done = replay(conn, scene.name, fixes, report=report)
+            out(f"{scene.name}: {done:,} positions replayed, {len(alarms):,} alarms")
     return DONE
 
 

@@ -465,6 +465,10 @@ class StoredScene:
         """Return how tracks with positions keep their plans, as workers found it; those that do not first."""
         return store.live(self.connection, self.name)
 
+    def live_conflicts(self) -> "list[store.LiveConflict]":
+        """Return the conflicts that follow if tracks keep the lateness that their positions show."""
+        return store.live_conflicts(self.connection, self.name)
+
     def admit(
         self,
         plan: "Area | Track | Sequence[Area | Track]",

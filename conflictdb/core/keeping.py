@@ -79,6 +79,16 @@ class Kept:
     error_m: float
     seen_us: tuple[int, int] | None
 
+    @property
+    def is_as_planned(self) -> bool:
+        """Whether its haven holds it as planned, so that nothing follows but what is planned."""
+        return self.state in (ON_PLAN, WAITING)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether its plan is over."""
+        return self.state == PAST
+
     def at(self, plan: Plan, latenesses: Spans, former: Self | None) -> Self:
         """Return the state at this position, whose haven holds it at some latenesses.
 

@@ -5,6 +5,7 @@ killed, the next look reads the same positions again. One session looks at a tim
 """
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from conflictdb.core.keeping import OFF, Kept, Plan
 from conflictdb.core.lateness import Positions, distances_off_m, lateness_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
+from conflictdb.jobs.following import follow
 from conflictdb.model.plans import Scene
 
 _NO_AREAS: Final = AreaBatch.of([])
@@ -79,7 +81,11 @@ class Looks:
                 for one in some
                 if one.key in former and one.track_id in cut.cut
             }
-            store.put_live(conn, scene_id, now_us, states)
+            self._put(conn, scene_id, cut, former, states, {one.key: one.track_id for one in some}, now_us)
+        for scene_id in store.scenes_with_alarms(conn):
+            if scene_id not in of_scenes:
+                settings = store.read_settings(conn, scene_id)
+                follow(conn, scene_id, settings, {}, lambda _: None, now_us)
 
     def _compare(self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int) -> None:
         """Store the states that follow from positions of a scene, in the order of their instants."""
@@ -116,7 +122,28 @@ class Looks:
             some = positions.take(np.array([of_key[key] for key in off]))
             for key, off_m in zip(off, distances_off_m(known.setup, pieces, some).tolist(), strict=True):
                 states[key] = states[key].away(off_m)
+        self._put(conn, scene_id, known, former, states, {one.key: one.track_id for one in heard}, now_us)
+
+    def _put(
+        self,
+        conn: psycopg.Connection[Any],
+        scene_id: int,
+        known: "_SceneLooks",
+        former: Mapping[str, Kept],
+        states: dict[str, Kept],
+        tracks: Mapping[str, int],
+        now_us: int,
+    ) -> None:
+        """Store states, and what follows from those whose lateness is another than before."""
         store.put_live(conn, scene_id, now_us, states)
+        changed = {
+            key: state
+            for key, state in states.items()
+            if not (state.is_as_planned and key in former and former[key].is_as_planned)
+        }
+        if changed:
+            settings = store.read_settings(conn, scene_id)
+            follow(conn, scene_id, settings, changed, lambda key: known.cut[tracks[key]].plan, now_us)
 
     def _cut(self, conn: psycopg.Connection[Any], scene_id: int, versions: dict[int, int]) -> _SceneLooks:
         """Return the plans of a scene that are cut, some tracks in these versions among them, unless they are gone."""

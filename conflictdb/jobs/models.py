@@ -347,6 +347,26 @@ class LiveRow(Base):
     height_m: Mapped[float | None]
     error_m: Mapped[float]
     as_of: Mapped[datetime]
+    slack_s: Mapped[float | None]
+    first_alarm: Mapped[datetime | None]
+
+
+class LiveConflictRow(Base):
+    """A conflict that follows if tracks keep their lateness: a row of the view `live_conflicts`."""
+
+    __tablename__ = "live_conflicts"
+
+    scene: Mapped[str]
+    alarm_id: Mapped[int] = mapped_column(primary_key=True)
+    key: Mapped[str]
+    other_key: Mapped[str | None]
+    verdict: Mapped[str]
+    reason: Mapped[str | None]
+    first_contact: Mapped[datetime | None]
+    last_contact: Mapped[datetime | None]
+    place: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
+    opened_at: Mapped[datetime]
+    as_of: Mapped[datetime]
 
 
 class EditRow(Base):

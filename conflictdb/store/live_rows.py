@@ -1,6 +1,6 @@
 """Read new positions, and store how tracks keep their plans."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
+from psycopg.types.json import Jsonb
 
 from conflictdb.core.keeping import Kept
 from conflictdb.store import copy_binary
@@ -44,6 +45,50 @@ class LiveTrack:
     height_m: float | None
     error_m: float
     as_of: datetime
+    slack_s: float | None
+    first_alarm: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class LiveConflict:
+    """A conflict that follows if tracks keep their lateness: a row of the view live_conflicts."""
+
+    alarm_id: int
+    key: str
+    other_key: str | None
+    verdict: str
+    reason: str | None
+    first_contact: datetime | None
+    last_contact: datetime | None
+    lon_deg: float | None
+    lat_deg: float | None
+    opened_at: datetime
+    as_of: datetime
+
+
+class Following(NamedTuple):
+    """What the latenesses of a pair come to: see `_follow` of sql/74_live_conflicts.sql; microseconds."""
+
+    key: str
+    other_key: str
+    other_kind: int
+    verdict: str | None
+    slack_us: int
+    by_us: int
+    low_us: int
+    high_us: int
+    other_low_us: int
+    other_high_us: int
+
+
+class Alarm(NamedTuple):
+    """A conflict that follows; None: unknown."""
+
+    verdict: str
+    reason: str | None = None
+    first_us: int | None = None
+    last_us: int | None = None
+    lonlat: tuple[float, float] | None = None
 
 
 class Unheard(NamedTuple):
@@ -123,6 +168,67 @@ def unknown_tracks(conn: psycopg.Connection[Any], scene: str, keys: Sequence[str
     return {key for (key,) in call_many(conn, "_unknown_tracks", scene, list(keys))}
 
 
+def following(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> list[Following]:
+    """Return what the latenesses of some tracks come to, for each pair that stored differences know."""
+    return [Following(*row) for row in call_many(conn, "_follow", scene_id, list(keys))]
+
+
+def open_alarms(
+    conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str], now_us: int
+) -> dict[tuple[str, str], Alarm]:
+    """Return the alarms with one of some keys, and those whose contact is over."""
+    found = {}
+    for row in call_many(conn, "_open_alarms", scene_id, list(keys), now_us):
+        key, other_key, verdict, reason, first_us, last_us, lon, lat = row
+        found[key, other_key] = Alarm(verdict, reason, first_us, last_us, None if lon is None else (lon, lat))
+    return found
+
+
+def scenes_with_alarms(conn: psycopg.Connection[Any]) -> list[int]:
+    """Return the ids of the scenes that have alarms."""
+    return [number for (number,) in call_many(conn, "_scenes_with_alarms")]
+
+
+def put_alarms(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    as_of_us: int,
+    alarms: Mapping[tuple[str, str], Alarm],
+    ended: Sequence[tuple[str, str]],
+    slack_s: Mapping[str, float | None],
+) -> None:
+    """Store alarms of a scene, end others, and store the slack that is left to tracks."""
+    every = list(alarms.values())
+    places = [one.lonlat or (None, None) for one in every]
+    call(
+        conn,
+        "_put_alarms",
+        scene_id,
+        as_of_us,
+        [key for key, _ in alarms],
+        [other for _, other in alarms],
+        [one.verdict for one in every],
+        _texts_or_null([one.reason for one in every]),
+        _integers([one.first_us for one in every]),
+        _integers([one.last_us for one in every]),
+        _numbers([lon for lon, _ in places]),
+        _numbers([lat for _, lat in places]),
+        Jsonb([list(pair) for pair in ended]),
+        Jsonb(dict(slack_s)),
+    )
+
+
+def silent_after_s(conn: psycopg.Connection[Any]) -> float:
+    """Return after how many seconds without a position a track is silent."""
+    return float(call(conn, "_silent_after_s")[0])
+
+
+def live_conflicts(conn: psycopg.Connection[Any], scene: str) -> list[LiveConflict]:
+    """Return the conflicts that follow from the lateness of tracks of a scene, the first ones first."""
+    with transaction(conn):
+        return [LiveConflict(**row) for row in call_by_name(conn, "_live_conflicts", scene)]
+
+
 def live(conn: psycopg.Connection[Any], scene: str) -> list[LiveTrack]:
     """Return how the tracks of a scene with positions keep their plans, those that do not first."""
     with transaction(conn):
@@ -140,6 +246,17 @@ def _texts(values: Sequence[str]) -> copy_binary.Ragged:
 
 def _seconds(us: int | None) -> float | None:
     return None if us is None else us / 1e6
+
+
+def _texts_or_null(values: Sequence[str | None]) -> Array:
+    column = copy_binary.Ragged.of([None if one is None else one.encode() for one in values])
+    return copy_binary.array([column], "text")
+
+
+def _integers(values: Sequence[int | None]) -> Array:
+    is_null = np.array([one is None for one in values], np.bool_)
+    numbers = copy_binary.fixed(np.array([one or 0 for one in values], np.int64), "i8")
+    return copy_binary.array([copy_binary.nullable(numbers, is_null) if is_null.any() else numbers], "bigint")
 
 
 def _numbers(values: Sequence[float | None]) -> Array:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c2d55ce75057d1c4de8c28c09cd465a1188d7d37658ba9e6c985e47557e8d28e"
+routines_sha256 = "c1ba44f3e468c3cf703056edfbc6d0ac3925988d1c86be6532740210dbdcad83"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -60,6 +60,7 @@ CREATE TABLE IF NOT EXISTS conflictdb.live_state (
     error_m double precision NOT NULL,
     seen_from_s double precision,
     seen_to_s double precision,
+    slack_s double precision,
     as_of timestamptz NOT NULL,
     CONSTRAINT live_state_pkey PRIMARY KEY (scene_id, key),
     CONSTRAINT live_state_known CHECK (
@@ -69,7 +70,41 @@ CREATE TABLE IF NOT EXISTS conflictdb.live_state (
 )
 """
 
-STATEMENTS: tuple[str, ...] = (POSITION, *PARTITIONS, *POSITION_INDEXES, POSITION_LOOK, LIVE_STATE)
+# No foreign key to objects: what follows for a removed one ends at the next look.
+LIVE_CONFLICT = """
+CREATE TABLE IF NOT EXISTS conflictdb.live_conflict (
+    scene_id bigint NOT NULL CONSTRAINT live_conflict_scene_fkey REFERENCES conflictdb.scene ON DELETE CASCADE,
+    key text COLLATE "C" NOT NULL,
+    other_key text COLLATE "C" NOT NULL,
+    verdict text NOT NULL,
+    reason text,
+    first_contact timestamptz,
+    last_contact timestamptz,
+    place geometry(Point, 4326),
+    alarm_id bigint NOT NULL,
+    opened_at timestamptz NOT NULL,
+    acknowledged_by text,
+    acknowledged_at timestamptz,
+    acknowledged_for text,
+    as_of timestamptz NOT NULL,
+    CONSTRAINT live_conflict_pkey PRIMARY KEY (scene_id, key, other_key),
+    CONSTRAINT live_conflict_verdict_known CHECK (verdict IN ('now', 'must', 'may')),
+    CONSTRAINT live_conflict_contacts_ordered CHECK (first_contact <= last_contact)
+)
+"""
+LIVE_CONFLICT_OTHER = """
+CREATE INDEX IF NOT EXISTS live_conflict_other_btree ON conflictdb.live_conflict (scene_id, other_key)
+"""
+
+STATEMENTS: tuple[str, ...] = (
+    POSITION,
+    *PARTITIONS,
+    *POSITION_INDEXES,
+    POSITION_LOOK,
+    LIVE_STATE,
+    LIVE_CONFLICT,
+    LIVE_CONFLICT_OTHER,
+)
 
 
 def upgrade() -> None:

@@ -273,7 +273,9 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
     assert "1 rows without a time or a place are left out" in said.err
     look(sea)
     shown = run("conflicts", "--live", "--scene", "s").out
-    assert [line.split()[:2] for line in shown.splitlines()[1:]] == [["219000001", "late"], ["F", "on"]]
+    alarm = "219000001 +9 to +11 min late: may meet anything near (the scene stores no delays: set delays_within_s)"
+    assert shown.splitlines()[0] == alarm
+    assert [line.split()[:2] for line in shown.splitlines()[3:]] == [["219000001", "late"], ["F", "on"]]
     late = tmp_path / "late.csv"
     late.write_text(f"id,time,lon,lat\nF,{at[0]},0,0\nF,2100-01-01T00:00:00Z,0,0\n")
     with connect(dsn) as db, pytest.raises(InvalidInput, match="must not be in the future"):

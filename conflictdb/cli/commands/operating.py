@@ -3,7 +3,7 @@
 from typing import Any
 
 from conflictdb.cli.parser import add_format, add_options, command
-from conflictdb.cli.values import address, duration_s
+from conflictdb.cli.values import address, duration_s, name
 
 
 def add(commands: Any) -> None:
@@ -17,6 +17,9 @@ def add(commands: Any) -> None:
     more = "Run any number, on any machine."
     parser = command(commands, "worker", "worker_commands:work", "keep all scenes current", more)
     parser.add_argument("--once", action="store_true", help="detect pending changes and end; exit with 1 on failure")
+    about = "replay a file of positions as if they came now, an hour in a minute, and end"
+    parser.add_argument("--replay", metavar="FILE", help=about)
+    parser.add_argument("--scene", type=name, metavar="NAME", help="scene to replay in (default: the last one used)")
     parser.add_argument(
         "--every", type=duration_s, metavar="DURATION", help="longest pause between looks at the database (default 60s)"
     )

@@ -1,0 +1,56 @@
+"""Replay recorded positions as if they came now, for exercises and tests: an hour in a minute."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+
+from conflictdb import store
+from conflictdb.formats.fixes import Fixes
+from conflictdb.jobs import detect
+from conflictdb.jobs.live import Looks
+
+# Recorded time that passes between two looks, microseconds, and in a second.
+_STEP_US: Final = 10_000_000
+SPEED: Final = 60.0
+
+
+def replay(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    fixes: Mapping[str, Fixes],
+    *,
+    speed: float = SPEED,
+    report: Callable[[int, int], object] = lambda now_us, looked: None,
+) -> int:
+    """Insert positions of tracks of a scene at their instants, look at them then, and return their number.
+
+    The clock of the looks is that of the positions. Positions of other keys are left out.
+
+    speed : recorded seconds in a second
+    report : called after each look with the instant and the number of positions
+    """
+    detect.detect_pending(conn, scene)
+    with store.transaction(conn):
+        unknown = store.unknown_tracks(conn, scene, list(fixes))
+    known = {key: own for key, own in fixes.items() if key not in unknown and own.times_us}
+    keys = np.repeat(np.array(list(known), object), [len(own.times_us) for own in known.values()])
+    if not len(keys):
+        return 0
+    at_us = np.concatenate([np.array(own.times_us, np.int64) for own in known.values()])
+    lonlat = np.concatenate([np.array(own.positions_deg, np.float64) for own in known.values()])
+    order = np.argsort(at_us, kind="stable")
+    keys, at_us, lonlat = keys[order], at_us[order], lonlat[order]
+    looks, began_s, done = Looks(), time.monotonic(), 0
+    for now_us in range(int(at_us[0]), int(at_us[-1]) + _STEP_US, _STEP_US):
+        time.sleep(max(0.0, began_s + (now_us - int(at_us[0])) / 1e6 / speed - time.monotonic()))
+        until = int(np.searchsorted(at_us, now_us, side="right"))
+        if until > done:
+            with store.transaction(conn):
+                some = slice(done, until)
+                store.insert_positions(conn, scene, keys[some].tolist(), at_us[some], lonlat[some])
+            done = until
+        report(now_us, looks.look(conn, now_us, is_silence_due=True))
+    return done

@@ -1,0 +1,220 @@
+-- Conflicts that follow from lateness: a lookup in the stored differences. If a track is late by a, and another by b,
+-- and both keep it, they meet if and only if a - b is a forbidden delay of the first.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._lateness(
+    p_scene_id bigint, p_keys text[], OUT key text, OUT track_id bigint, OUT low_us bigint, OUT high_us bigint,
+    OUT is_known boolean
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    -- A track on its plan, or that has not begun it, is late by nothing: its haven holds it.
+    RETURN QUERY
+        SELECT l.key, t.track_id,
+               CASE WHEN l.state IN ('on plan', 'not yet under way') THEN 0 ELSE round(l.late_from_s * 1e6)::bigint END,
+               CASE WHEN l.state IN ('on plan', 'not yet under way') THEN 0 ELSE round(l.late_to_s * 1e6)::bigint END,
+               l.state IN ('on plan', 'not yet under way') OR l.late_from_s IS NOT NULL
+        FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
+        WHERE l.scene_id = p_scene_id AND l.key = ANY (p_keys) AND l.state <> 'past its end';
+END
+$$;
+COMMENT ON FUNCTION _lateness(bigint, text[]) IS
+'Least and greatest lateness of tracks of a scene with positions, microseconds; null, and not known, where one is off. '
+'Without those whose plans are over.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._follow(
+    p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text,
+    OUT slack_us bigint, OUT by_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint,
+    OUT other_high_us bigint
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan
+SET enable_seqscan = off SET jit = off AS $$
+#variable_conflict use_column
+BEGIN
+    RETURN QUERY
+    WITH mine AS MATERIALIZED (SELECT l.* FROM _lateness(p_scene_id, p_keys) l WHERE l.is_known),
+    pair AS MATERIALIZED (
+        SELECT m.key, m.low_us, m.high_us, d.other_kind, d.other_id, d.forbidden_us, d.proven_us,
+               coalesce(o.key, a.key) AS other_key
+        FROM mine m
+        JOIN difference d ON d.scene_id = p_scene_id AND d.track_id = m.track_id
+        LEFT JOIN track o ON d.other_kind = 1 AND o.track_id = d.other_id AND o.scene_id = p_scene_id
+        LEFT JOIN area a ON d.other_kind = 0 AND a.area_id = d.other_id AND a.scene_id = p_scene_id
+    ),
+    theirs AS MATERIALIZED (
+        SELECT l.* FROM _lateness(p_scene_id, ARRAY(SELECT DISTINCT p.other_key FROM pair p WHERE p.other_kind = 1)) l
+    )
+    SELECT f.key, f.other_key, f.other_kind,
+           CASE WHEN g.slack > 0 THEN NULL
+                WHEN int8range(f.low, f.high, '[]') <@ f.proven_us THEN 'must' ELSE 'may' END,
+           g.slack, g.by, f.low_us, f.high_us, f.other_low, f.other_high
+    FROM (SELECT p.*, coalesce(t.low_us, 0) AS other_low, coalesce(t.high_us, 0) AS other_high,
+                 p.low_us - coalesce(t.high_us, 0) AS low, p.high_us - coalesce(t.low_us, 0) AS high
+          FROM pair p LEFT JOIN theirs t ON t.key = p.other_key AND p.other_kind = 1
+          WHERE p.other_key IS NOT NULL
+            AND coalesce(t.is_known, true)
+            -- The plan of the other one is over.
+            AND NOT (t.key IS NULL AND p.other_kind = 1
+                     AND EXISTS (SELECT FROM live_state l WHERE l.scene_id = p_scene_id AND l.key = p.other_key))) f
+    CROSS JOIN LATERAL (
+        -- The forbidden interval that is nearest to the middle of what is possible, and its delay that is nearest.
+        SELECT greatest(lower(r) - f.high, f.low - (upper(r) - 1), 0) AS slack,
+               least(greatest((f.low + f.high) / 2, lower(r), f.low), upper(r) - 1, f.high) AS by
+        FROM unnest(f.forbidden_us) r
+        ORDER BY 1, abs(least(greatest((f.low + f.high) / 2, lower(r)), upper(r) - 1) - (f.low + f.high) / 2) LIMIT 1) g
+    -- Both as planned: the view conflicts has these.
+    WHERE NOT (f.low = 0 AND f.high = 0 AND g.slack = 0);
+END
+$$;
+COMMENT ON FUNCTION _follow(bigint, text[]) IS
+'What the latenesses of tracks of a scene come to, for each pair with a track or area that some delay brings it into '
+'conflict with. verdict: must, if all of the possible differences are proven to conflict; may; null: no conflict, and '
+'slack_us is left. by_us: a difference in conflict, or the nearest to it, and the latenesses that are possible.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._notify_alarm(
+    p_scene text, p_kind text, p_alarm_id bigint, p_key text, p_other_key text, p_verdict text
+) RETURNS void
+LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+DECLARE
+    -- A payload must be shorter than 8,000 bytes.
+    v_names boolean := p_scene IS NOT NULL AND octet_length(p_scene || p_key || p_other_key) < 2000;
+BEGIN
+    PERFORM _notify('conflictdb_alarm', jsonb_build_object(
+        'scene', CASE WHEN v_names THEN p_scene END, 'kind', p_kind, 'alarm', p_alarm_id, 'verdict', p_verdict,
+        'keys', CASE WHEN v_names THEN jsonb_build_array(p_key, nullif(p_other_key, '')) END)::text);
+END
+$$;
+COMMENT ON FUNCTION _notify_alarm(text, text, bigint, text, text, text) IS
+'Notifies channel conflictdb_alarm that an alarm has begun or ended; scene and keys are null if scenes are protected.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
+    p_scene_id bigint, p_keys text[], p_now_us bigint, OUT key text, OUT other_key text, OUT verdict text,
+    OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    RETURN QUERY
+        SELECT c.key, c.other_key, c.verdict, c.reason, (extract(epoch FROM c.first_contact) * 1000000)::bigint,
+               (extract(epoch FROM c.last_contact) * 1000000)::bigint, ST_X(c.place), ST_Y(c.place)
+        FROM live_conflict c
+        WHERE c.scene_id = p_scene_id
+          AND (c.key = ANY (p_keys) OR c.other_key = ANY (p_keys)
+               OR c.last_contact < timestamptz 'epoch' + p_now_us * interval '1 microsecond');
+END
+$$;
+COMMENT ON FUNCTION _open_alarms(bigint, text[], bigint) IS
+'Alarms of a scene with one of some keys, and those whose contact is over at an instant.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scenes_with_alarms() RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN QUERY SELECT DISTINCT c.scene_id FROM live_conflict c;
+END
+$$;
+COMMENT ON FUNCTION _scenes_with_alarms() IS 'Scenes that have alarms.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
+    p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],
+    p_first_us bigint[], p_last_us bigint[], p_lon double precision[], p_lat double precision[], p_ended jsonb,
+    p_slack jsonb
+) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_instant CONSTANT timestamptz := 'epoch';
+    c_us CONSTANT interval := '1 microsecond';
+    v_as_of timestamptz := c_instant + p_as_of_us * c_us;
+    v_scene text := (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id AND NOT _is_protected());
+    v_one record;
+BEGIN
+    UPDATE live_state l SET slack_s = (s.value)::double precision
+        FROM jsonb_each_text(p_slack) s WHERE l.scene_id = p_scene_id AND l.key = s.key
+             AND l.slack_s IS DISTINCT FROM (s.value)::double precision;
+    FOR v_one IN
+        DELETE FROM live_conflict c USING jsonb_array_elements(p_ended) e
+            WHERE c.scene_id = p_scene_id AND c.key = e ->> 0 AND c.other_key = e ->> 1
+            RETURNING c.alarm_id, c.key, c.other_key, c.verdict LOOP
+        PERFORM _notify_alarm(v_scene, 'ended', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+    END LOOP;
+    FOR v_one IN
+        INSERT INTO live_conflict AS c (scene_id, key, other_key, verdict, reason, first_contact, last_contact, place,
+                                        alarm_id, opened_at, as_of)
+            SELECT p_scene_id, u.key, u.other_key, u.verdict, u.reason, c_instant + u.first_us * c_us,
+                   c_instant + u.last_us * c_us, ST_SetSRID(ST_MakePoint(u.lon, u.lat), 4326), 0, v_as_of, v_as_of
+            FROM unnest(p_key, p_other_key, p_verdict, p_reason, p_first_us, p_last_us, p_lon, p_lat)
+                 u (key, other_key, verdict, reason, first_us, last_us, lon, lat)
+            ON CONFLICT (scene_id, key, other_key) DO UPDATE
+                SET verdict = excluded.verdict, reason = excluded.reason, first_contact = excluded.first_contact,
+                    last_contact = excluded.last_contact, place = excluded.place, as_of = excluded.as_of
+            RETURNING c.alarm_id, c.key, c.other_key, c.verdict LOOP
+        IF v_one.alarm_id = 0 THEN
+            v_one.alarm_id := nextval('conflict_seq');
+            UPDATE live_conflict c SET alarm_id = v_one.alarm_id
+                WHERE c.scene_id = p_scene_id AND c.key = v_one.key AND c.other_key = v_one.other_key;
+            PERFORM _notify_alarm(v_scene, 'begun', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+        END IF;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _put_alarms(bigint, bigint, text[], text[], text[], text[], bigint[], bigint[], double precision[],
+                                double precision[], jsonb, jsonb) IS
+'Stores the alarms of a scene that a look found, ends others (pairs of keys), and notifies of those that begin and '
+'end. p_slack: seconds that are left by key.';
+
+CREATE OR REPLACE VIEW live_conflicts WITH (security_invoker = true) AS
+SELECT s.name AS scene, c.alarm_id, c.key, nullif(c.other_key, '') AS other_key, c.verdict, c.reason, c.first_contact,
+       c.last_contact, c.place, c.opened_at, c.as_of
+FROM scene s JOIN live_conflict c USING (scene_id);
+
+COMMENT ON VIEW live_conflicts IS
+'Conflicts that follow if tracks keep the lateness that their positions show, and that are none as planned: alarms, '
+'one for each pair, from when its slack is used up until it has some again or the contact is over.';
+COMMENT ON COLUMN live_conflicts.scene IS 'Name of the scene.';
+COMMENT ON COLUMN live_conflicts.alarm_id IS 'Number of the alarm, one for each excursion of a pair.';
+COMMENT ON COLUMN live_conflicts.key IS 'Key of the track that is late, early, off or silent, or of the first of two.';
+COMMENT ON COLUMN live_conflicts.other_key IS 'Key of the other track or area; null: whatever is near, see reason.';
+COMMENT ON COLUMN live_conflicts.verdict IS
+'must: at all latenesses that are possible; may: at some; now: it has begun and is not over.';
+COMMENT ON COLUMN live_conflicts.reason IS
+'Why nothing better is known: off its plan, a lateness beyond delays_within_s, no stored delays; else null.';
+COMMENT ON COLUMN live_conflicts.first_contact IS
+'When, at the likeliest lateness that conflicts: the planned contact shifted; null: unknown.';
+COMMENT ON COLUMN live_conflicts.last_contact IS 'When it is over; null: unknown.';
+COMMENT ON COLUMN live_conflicts.place IS 'Where the first contact is; null: unknown.';
+COMMENT ON COLUMN live_conflicts.opened_at IS 'When its slack was used up.';
+COMMENT ON COLUMN live_conflicts.as_of IS 'When a worker looked last.';
+CREATE OR REPLACE FUNCTION conflictdb_internal._live_conflicts(
+    p_scene text, OUT alarm_id bigint, OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
+    OUT first_contact timestamptz, OUT last_contact timestamptz, OUT lon_deg double precision,
+    OUT lat_deg double precision, OUT opened_at timestamptz, OUT as_of timestamptz
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    PERFORM _scene_id(p_scene);
+    RETURN QUERY
+        SELECT c.alarm_id, c.key, c.other_key, c.verdict, c.reason, c.first_contact, c.last_contact, ST_X(c.place),
+               ST_Y(c.place), c.opened_at, c.as_of
+        FROM live_conflicts c WHERE c.scene = p_scene
+        ORDER BY c.first_contact, c.key, c.other_key;
+END
+$$;
+COMMENT ON FUNCTION _live_conflicts(text) IS
+'The view live_conflicts of a scene, the first contact first; raises ZC010 for an unknown name.';
+
+COMMENT ON TABLE live_conflict IS 'Alarms; the view live_conflicts shows them.';
+COMMENT ON COLUMN live_conflict.scene_id IS 'Scene.';
+COMMENT ON COLUMN live_conflict.key IS 'Key of a track.';
+COMMENT ON COLUMN live_conflict.other_key IS 'Key of the other one; empty: whatever is near.';
+COMMENT ON COLUMN live_conflict.verdict IS 'now, must or may.';
+COMMENT ON COLUMN live_conflict.reason IS 'Why nothing better is known; null: it is.';
+COMMENT ON COLUMN live_conflict.first_contact IS 'When; null: unknown.';
+COMMENT ON COLUMN live_conflict.last_contact IS 'When it is over; null: unknown.';
+COMMENT ON COLUMN live_conflict.place IS 'Where; null: unknown.';
+COMMENT ON COLUMN live_conflict.alarm_id IS 'Number.';
+COMMENT ON COLUMN live_conflict.opened_at IS 'When the alarm began.';
+COMMENT ON COLUMN live_conflict.acknowledged_by IS 'Who acknowledged it; null: nobody.';
+COMMENT ON COLUMN live_conflict.acknowledged_at IS 'When; null: it is not.';
+COMMENT ON COLUMN live_conflict.acknowledged_for IS 'Why; null: it is not.';
+COMMENT ON COLUMN live_conflict.as_of IS 'When the look was.';
+COMMENT ON COLUMN live_state.slack_s IS 'Seconds until a conflict follows; null: none within what is stored.';

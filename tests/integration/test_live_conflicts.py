@@ -1,0 +1,179 @@
+"""Conflicts that follow from latenesses: by lookup, and as detections of shifted copies find them."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from commands import Run
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
+
+from conflictdb import Scene, Track, solve, store
+from conflictdb.jobs import detect
+from conflictdb.jobs.live import Looks
+from conflictdb.model.plans import rectangle_outline_m
+from conflictdb.model.recurring_plans import later
+
+Conn = psycopg.Connection[Any]
+BEGAN = datetime.now(UTC).replace(microsecond=0) - timedelta(minutes=30)
+DEGREE_M = 111_319.5
+
+
+def us(minute: float) -> int:
+    return int((BEGAN + timedelta(minutes=minute)).timestamp() * 1e6)
+
+
+def crossing(key: str, start_min: float, *, north: bool, side: float = 500.0) -> Track:
+    """Return a track at a mile a minute through (0.5, 0): eastward, or northward."""
+    ends = [(0.5, -0.5), (0.5, 0.5)] if north else [(0.0, 0.0), (1.0, 0.0)]
+    return Track(key, ends, [us(start_min), us(start_min + 60)], rectangle_outline_m(side, side, side, side))
+
+
+def put(conn: Conn, key: str, minute: float, lon: float, lat: float, error_m: float = 10.0) -> None:
+    conn.execute(
+        "INSERT INTO conflictdb.position (scene, key, instant, place, error_m) "
+        "VALUES ('s', %s, %s, ST_SetSRID(ST_MakePoint(%s, %s), 4326), %s)",
+        [key, BEGAN + timedelta(minutes=minute), lon, lat, error_m],
+    )
+
+
+def look(conn: Conn, minute: float) -> dict[tuple[str, str | None], Any]:
+    conn.commit()
+    Looks().look(conn, us(minute), is_silence_due=True)
+    rows = conn.execute(
+        "SELECT key, other_key, verdict, reason, first_contact, place, alarm_id FROM conflictdb.live_conflicts"
+    ).fetchall()
+    conn.commit()
+    return {(row[0], row[1]): row[2:] for row in rows}
+
+
+def detected(conn: Conn, plans: list[Track], **settings: Any) -> None:
+    store.replace_scene(conn, Scene("s", **settings), [], plans, merge=False)
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+
+
+def test_a_late_ferry_meets_the_tow(conn: Conn) -> None:
+    """The ferry passes the crossing 10 minutes before the tow; 10 minutes late it meets it there."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 20, 20 / 60, 0)
+    put(conn, "TOW", 20, 0.5, -0.5 + 10 / 60)
+    assert look(conn, 20) == {}
+    # 5 minutes late: slack is left.
+    put(conn, "FERRY", 22, 17 / 60, 0)
+    assert look(conn, 22) == {}
+    (slack,) = conn.execute("SELECT slack_s FROM conflictdb.live WHERE key = 'FERRY'").fetchone() or ()
+    speed_mps = DEGREE_M / 3600
+    # Each haven takes as long to pass the crossing; the lateness is known to the passing of the position.
+    assert slack == pytest.approx(300 - 2000 / speed_mps - 510 / speed_mps, abs=3)
+    # 10 minutes late: they meet.
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    found = look(conn, 28)
+    ((pair, (verdict, reason, first, _, alarm)),) = found.items()
+    assert (pair, verdict, reason) == (("FERRY", "TOW"), "must", None)
+    assert abs((first - BEGAN).total_seconds() - 40 * 60) < 90
+    # It holds while it stays so, as one alarm.
+    put(conn, "FERRY", 29, 19 / 60, 0)
+    assert look(conn, 29)["FERRY", "TOW"][-1] == alarm
+    # On plan again: it ends by itself.
+    put(conn, "FERRY", 29.5, 29.5 / 60, 0)
+    assert look(conn, 29.5) == {}
+
+
+def test_what_cannot_be_looked_up_is_may_by_name(conn: Conn) -> None:
+    plans = [crossing("A", 0, north=False), crossing("B", 0, north=True), crossing("C", -60, north=False)]
+    detected(conn, plans)
+    put(conn, "A", 20, 10 / 60, 0)
+    ((pair, found),) = look(conn, 20).items()
+    assert (pair, found[:3]) == (("A", None), ("may", "the scene stores no delays: set delays_within_s", None))
+    detected(conn, plans, delays_within_s=300)
+    put(conn, "A", 21, 11 / 60, 0)
+    assert look(conn, 21)["A", None][1] == "its lateness is beyond delays_within_s (300 s)"
+
+
+def test_a_ship_off_its_plan_may_meet_what_it_can_reach(conn: Conn) -> None:
+    """It is 3 nmi south of its plan, and a mile from the plan of B, which passes soon."""
+    detected(conn, [crossing("A", 0, north=False), crossing("B", 0, north=True)], delays_within_s=3600)
+    put(conn, "A", 25, 0.48, -0.05)
+    found = look(conn, 25)
+    assert found["A", "B"][:2] == ("may", "off its plan: it may be anywhere that it can reach")
+    put(conn, "A", 26, 26 / 60, 0)
+    assert "A" not in {key for key, other in look(conn, 26) if other is None}
+
+
+@pytest.mark.parametrize("draws", [6, pytest.param(150, marks=pytest.mark.slow)])
+def test_latenesses_looked_up_equal_detections_of_shifted_copies(conn: Conn, draws: int) -> None:
+    """Each draw gives each of 40 tracks a lateness: 780 pairs, and those with areas. No contradiction."""
+    rng = np.random.default_rng(50)
+    scene, areas, tracks = plain_scene(LOW_LATITUDE, 50, 6, 40)
+    scene = Scene("s", separation_m=scene.separation_m, delays_within_s=7200, intervals=scene.intervals)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    (scene_id,) = conn.execute("SELECT scene_id FROM conflictdb.scene WHERE name = 's'").fetchone() or ()
+    conn.execute(
+        "INSERT INTO conflictdb.live_state (scene_id, key, state, late_from_s, late_to_s, instant, place, error_m, "
+        "as_of) SELECT scene_id, key, 'late', 0, 0, now(), 'SRID=4326;POINT(0 0)', 0, now() FROM conflictdb.track"
+    )
+    keys = [track.key for track in tracks]
+    compared = met = 0
+    for _ in range(draws):
+        late_us = {key: int(by) for key, by in zip(keys, rng.integers(-3_600_000_000, 3_600_000_000, 40), strict=True)}
+        conn.execute(
+            "UPDATE conflictdb.live_state l SET late_from_s = u.by, late_to_s = u.by "
+            "FROM unnest(%s::text[], %s::float8[]) u (key, by) WHERE l.key = u.key",
+            [keys, [late_us[key] / 1e6 for key in keys]],
+        )
+        rows = store.following(conn, scene_id, keys)
+        verdicts = {frozenset((row.key, row.other_key)): row.verdict for row in rows}
+        found = solve([later(track, late_us[track.key]) for track in tracks], areas, scene)
+        really = {frozenset((one.a_key, one.b_key)) for one in found if one.verdict != "near"}
+        for pair in really:
+            assert verdicts.get(pair) in ("may", "must"), pair
+        for pair, verdict in verdicts.items():
+            assert verdict != "must" or pair in really, pair
+        may = sum(verdict == "may" and pair not in really for pair, verdict in verdicts.items())
+        assert may <= 2  # at the very ends of intervals
+        compared += 40 * 39 // 2 + 40 * len(areas)
+        met += len(really)
+    assert met > 10 * draws
+    assert compared >= 600 * draws
+
+
+def test_a_recorded_hour_is_replayed(conn: Conn, run: Run, tmp_path: Path) -> None:
+    """Positions of a ferry that is 10 minutes late give one alarm, at their instants."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    rows = [f"FERRY,{BEGAN + timedelta(minutes=20 + n):%Y-%m-%dT%H:%M:%SZ},{(10 + n) / 60},0" for n in range(3)]
+    file = tmp_path / "positions.csv"
+    file.write_text("id,time,lon,lat\n" + "\n".join([*rows, "X,2026-03-01T06:00:00Z,0,0"]) + "\n")
+    said = run("worker", "--replay", str(file), "--scene", "s").out.splitlines()
+    assert [line.split(" ", 1)[1] for line in said] == ["FERRY must meet TOW", "3 positions replayed, 1 alarms"]
+
+
+def test_a_look_that_ends_before_its_commit_is_done_again(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No position is lost, and no alarm comes twice."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    conn.commit()
+    for name in ("put_live", "put_alarms"):
+        for after in (False, True):
+            whole = getattr(store, name)
+
+            def killed(*arguments: Any, whole: Any = whole, after: bool = after) -> None:
+                if after:
+                    whole(*arguments)
+                raise KeyboardInterrupt
+
+            with monkeypatch.context() as patched:
+                patched.setattr(store, name, killed)
+                with pytest.raises(KeyboardInterrupt):
+                    Looks().look(conn, us(28), is_silence_due=True)
+            conn.rollback()
+            assert conn.execute("SELECT count(*) FROM conflictdb.live").fetchone() == (0,)
+            conn.rollback()
+    (first,) = look(conn, 28).values()
+    (again,) = look(conn, 28).values()
+    assert (first[-1], first[0]) == (again[-1], "must")
