@@ -53,9 +53,9 @@ BEGIN
     -- Infinity and NaN are no numbers of JSON: as texts they are refused.
     v_options := v_options || jsonb_build_object(
         'margin_m', coalesce(p_margin_m, 0), 'best', p_best,
-        'from_us', CASE WHEN isfinite(p_from) THEN to_jsonb((extract(epoch FROM p_from) * 1000000)::bigint)
+        'from_us', CASE WHEN isfinite(p_from) THEN to_jsonb(trunc(extract(epoch FROM p_from) * 1000000))
                         ELSE to_jsonb(p_from::text) END,
-        'to_us', CASE WHEN isfinite(p_to) THEN to_jsonb((extract(epoch FROM p_to) * 1000000)::bigint)
+        'to_us', CASE WHEN isfinite(p_to) THEN to_jsonb(trunc(extract(epoch FROM p_to) * 1000000))
                       ELSE to_jsonb(p_to::text) END);
     RETURN _request(v_scene_id, 'delays', NULL, v_options);
 END

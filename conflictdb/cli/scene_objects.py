@@ -10,7 +10,6 @@ from conflictdb.cli.output import binary, data, line, out, print_json, remark, w
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
-from conflictdb.formats.hints import FileHints
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
 
@@ -43,6 +42,8 @@ def _load_positions(args: argparse.Namespace) -> int:
             (bool(others), f"--positions and {''.join(others[:1])} exclude each other"),
         ],
     )
+    from conflictdb.formats.hints import FileHints
+
     hints = FileHints(args.map or {}, args.time_zone and str(args.time_zone))
     with database(args) as db:
         for file in args.files:

@@ -136,7 +136,7 @@ def install(prefix: Path) -> None:
     link = prefix / "lib" / name_alone().replace(f".{abi()}", "")
     link.unlink(missing_ok=True)
     link.symlink_to(name_alone())
-    shutil.copyfile(HERE / "kernel.h", prefix / "include/conflictdb/kernel.h")
+    shutil.copyfile(HERE / "kernel.h", prefix / "include/conflictdb" / "kernel.h")
     (prefix / "lib/pkgconfig/conflictdb-kernel.pc").write_text(PKG_CONFIG.format(prefix=prefix, abi=abi()))
 
 

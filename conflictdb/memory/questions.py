@@ -481,6 +481,9 @@ def _several(key: Any) -> Collection[str]:
         return [key]
     if not isinstance(key, Collection):
         raise InvalidInput("delays", "key", f"must be the key of a track or an area, or several; got {key!r:.60}")
+    for one in key:
+        if not isinstance(one, str):
+            raise InvalidInput("delays", "key", f"{one!r:.60} is not known")
     return key
 
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c1ba44f3e468c3cf703056edfbc6d0ac3925988d1c86be6532740210dbdcad83"
+routines_sha256 = "14ece5987831697c4a1c3337a5ef44b8452b09716f68a775e878a3cbbbc8498c"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -74,7 +74,7 @@ def test_complete_environment_is_used_as_it_is(tmp_path: Path, path: Path) -> No
         answer = run(path, venv, "python", "-c", "print()")
         assert (answer.returncode, answer.stdout, answer.stderr) == (7, "<-c>\n<print()>\n", "")
     answer = run(path, venv, "test", "-k", "words")
-    assert answer.stdout == "<-m>\n<pytest>\n<-n>\n<2>\n<--dist>\n<loadgroup>\n<-k>\n<words>\n"
+    assert answer.stdout == "<-m>\n<pytest>\n<-n>\n<3>\n<--dist>\n<loadgroup>\n<-k>\n<words>\n"
     assert answer.stderr == ""
     assert "about ten minutes" in run(path, venv, "test").stderr
 

@@ -221,7 +221,7 @@ def test_odd_input_is_refused(more: dict[str, object], message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "message"), [(3, "must be the key of a track, or several"), ([["east"]], "is not known")]
+    ("key", "message"), [(3, "must be the key of a track or an area, or several"), ([["east"]], "is not known")]
 )
 def test_odd_keys_are_refused(key: Any, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
