@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, Unpack
@@ -613,12 +613,17 @@ class StoredScene:
         aside_m: float = 0.0,
         goal: "Goal | str" = "total",
         limit_s: float = 30.0,
+        movable: Sequence[str] = (),
+        margin_s: float = 0.0,
+        margin_m: float = 0.0,
+        round_s: float = 0.0,
+        time_zone: tzinfo = UTC,
     ) -> "Proposal":
         """Return the least changes of departures that clear the scene, and store them as a proposal.
 
         Computed from the objects as they are stored, whether they were detected or not; verified by a detection of the
         whole changed scene. Nothing moves until `Database.apply_proposal` is called with its `proposal_id`. The
-        parameters are those of `conflictdb.resolve`.
+        parameters are those of `conflictdb.resolve`. A proposal that moves areas is not stored, and has no id.
 
         Raises InvalidInput for unknown keys, for limits that are none, and if the scene changes meanwhile.
         """
@@ -638,6 +643,11 @@ class StoredScene:
             aside_m=aside_m,
             goal=goal,
             limit_s=limit_s,
+            movable=movable,
+            margin_s=margin_s,
+            margin_m=margin_m,
+            round_s=round_s,
+            time_zone=time_zone,
         )
         return clearing.resolve(self.connection, self.name, compute)
 

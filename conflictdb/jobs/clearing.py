@@ -17,6 +17,8 @@ def resolve(
 ) -> Proposal:
     """Store what clears a scene, as its objects are stored, and return it with its id.
 
+    A proposal that moves areas is not stored, and has no id.
+
     compute : called with tracks, areas and settings
 
     Raises InvalidInput if the scene does not exist, or changes meanwhile, ReadOnlyDatabase on a standby.
@@ -28,5 +30,7 @@ def resolve(
         settings, areas, tracks = store.read_scene(conn, scene)
     found = compute(tracks, areas, settings)
     moves = {one.key: one for one in found.moves}
+    if moves.keys() & {area.key for area in areas}:
+        return found
     changed = {track.key: moved(settings, track, moves[track.key]) for track in tracks if track.key in moves}
     return replace(found, proposal_id=store.put_proposal(conn, scene_id, basis, found, changed))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -26,13 +27,15 @@ def moves_of(
     cleared: Iterable[tuple[str, str]],
     found: Differences,
     key_of: Mapping[int, str],
+    departs_at: Mapping[str, datetime | None],
 ) -> list[Move]:
     """Return the moves, by key.
 
     changed : all tracks as they are after the moves
     delays, speeds, ways : of the tracks that move, microseconds, factors and new waypoints
     cleared : the pairs that are in conflict as planned, and no longer
-    found : the differences of all tracks that may move
+    found : the differences of all plans that may move
+    departs_at : when these depart then
     """
     moving = sorted({*delays, *speeds, *ways}, key=str.encode)
     clears: dict[str, set[str]] = {key: set() for key in moving}
@@ -66,7 +69,7 @@ def moves_of(
             )
         cleared_keys = tuple(sorted(clears[key], key=str.encode))
         delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
-        moves.append(Move(key, delay_s, speed, cleared_keys, tuple(passes), ways.get(key)))
+        moves.append(Move(key, delay_s, speed, cleared_keys, tuple(passes), ways.get(key), departs_at.get(key)))
     return moves
 
 
@@ -88,13 +91,13 @@ def _sides(
         away = np.maximum(low - difference, difference - high)
         nearest = int(np.argmin(away))
         if other in clears or away[nearest] == 1:
-            found[other] = _side(difference > high[nearest], tracks[key], tracks.get(other))
+            found[other] = _side(difference > high[nearest], tracks.get(key), tracks.get(other))
     return found
 
 
-def _side(is_later: bool, own: Track, other: Track | None) -> Side:
-    """Return how a track passes another one, or an area (None); tracks pass each other if both are under way."""
-    if other is None or not _are_together(own, other):
+def _side(is_later: bool, own: Track | None, other: Track | None) -> Side:
+    """Return how one passes the other; areas are None. Tracks pass each other if both are under way."""
+    if own is None or other is None or not _are_together(own, other):
         return Side.AFTER if is_later else Side.BEFORE
     return Side.ASTERN if is_later else Side.AHEAD
 

@@ -414,6 +414,24 @@ def numbered(
     return _numbered(what, tracks, areas, scene, reach, window)[:5]
 
 
+def numbered_with_areas(
+    what: str,
+    tracks: Iterable[Track],
+    areas: Sequence[Area],
+    scene: Scene | None,
+    reach: Reach,
+    movable: Collection[str],
+) -> tuple[Setup, Pieces, dict[int, str], list[Track], list[Area]]:
+    """Return the setup and the pieces, the keys of all objects by number, the tracks, and the areas.
+
+    movable : the keys of areas that the question moves as far as the tracks
+    """
+    moved = [area for area in areas if area.key in movable]
+    beside = areas if has_schedules(moved) else moved
+    setup, pieces, keys, _, known, active = _numbered(what, tracks, areas, scene, reach, None, beside)
+    return setup, pieces, keys, known, [*active.values()]
+
+
 def _numbered(
     what: str,
     tracks: Iterable[Track],

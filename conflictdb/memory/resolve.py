@@ -3,12 +3,13 @@
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, tzinfo
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.core.delays import differences_of
+from conflictdb.core.delays import differences_of, moment_of, start_of
 from conflictdb.core.near import Memory
 from conflictdb.core.world import Reach
 from conflictdb.errors import ConflictDBError, InvalidInput
@@ -18,10 +19,13 @@ from conflictdb.memory.index import Index
 from conflictdb.memory.least import Solution, least
 from conflictdb.memory.passing import moves_of
 from conflictdb.memory.program import Program, chain_of
+from conflictdb.memory.rounding import rounded_delays
 from conflictdb.memory.yielding import levels_of, yielding_areas
 from conflictdb.model import inputs
+from conflictdb.model.clock import Clock
+from conflictdb.model.margin import Margin
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
 
@@ -37,6 +41,7 @@ _MOST_WEIGHT: Final = 1e6
 # Of tracks that `detours` has ways for, but a proposal cannot store.
 _AS_FAST: Final = "keeps its speed: its tolerances contain other speeds already"
 _REPEATED: Final = "stays as planned: its voyages repeat"
+_AREA_REPEATED: Final = "stays as planned: its times follow a schedule"
 _UNCHANGED: Final = "gets no new waypoints: its size, heights or tolerances are given by leg or waypoint (`detours`)"
 
 
@@ -45,6 +50,8 @@ class ProposalLimits:
     """What a proposal may change, checked.
 
     within_us, now_us, slowest, fastest, aside_m, goal, limit_s : as of `resolve`, in microseconds
+    margin : of `margin_s` and `margin_m`
+    clock : of `round_s` and `time_zone`
     """
 
     within_us: int
@@ -54,6 +61,8 @@ class ProposalLimits:
     aside_m: float
     goal: Goal
     limit_s: float
+    margin: Margin
+    clock: Clock
 
     @classmethod
     def of(
@@ -65,6 +74,10 @@ class ProposalLimits:
         aside_m: Any,
         goal: Any,
         limit_s: Any,
+        margin_s: Any,
+        margin_m: Any,
+        round_s: Any,
+        time_zone: tzinfo,
     ) -> "ProposalLimits":
         """Return the limits. Raises InvalidInput."""
         within_s = inputs.seconds("resolve", "within_s", within_s)
@@ -76,13 +89,19 @@ class ProposalLimits:
         factors = questions.limits(slowest, fastest)
         aside_m = inputs.reach_m("resolve", "aside_m", aside_m)
         limit_s = inputs.seconds("resolve", "limit_s", limit_s)
-        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s)
+        margin = Margin.of("resolve", margin_s, margin_m)
+        if not isinstance(time_zone, tzinfo):
+            raise InvalidInput(
+                "resolve", "time_zone", f"must be a time zone, such as a ZoneInfo; got {time_zone!r:.60}"
+            )
+        clock = Clock(time_zone, round(1e6 * inputs.seconds("resolve", "round_s", round_s)))
+        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s, margin, clock)
 
-    def of_delays(self, track: Track) -> tuple[int, int]:
-        """Return the least and the greatest delay of a track."""
+    def of_delays(self, plan: Area | Track) -> tuple[int, int]:
+        """Return the least and the greatest delay of a plan."""
         if self.now_us is None:
             return 0, self.within_us
-        ahead_us = int(track.times_us[0]) - self.now_us
+        ahead_us = (start_of(plan) if isinstance(plan, Area) else int(plan.times_us[0])) - self.now_us
         return (0, 0) if ahead_us < 0 else (-min(self.within_us, ahead_us), self.within_us)
 
 
@@ -102,14 +121,19 @@ def resolve(
     aside_m: float = 0.0,
     goal: Goal | str = Goal.TOTAL,
     limit_s: float = 30.0,
+    movable: Collection[str] = (),
+    margin_s: float = 0.0,
+    margin_m: float = 0.0,
+    round_s: float = 0.0,
+    time_zone: tzinfo = UTC,
 ) -> Proposal:
     """Return the least changes of departures that clear a scene, verified by a detection of the whole changed scene.
 
-    A delay shifts a whole plan: nothing of it is there before, and nothing after. Areas stay, and the method is
-    `exact`. Of two tracks the one moves that a separation rule says yields (`Rule.yields`); the other one moves only
-    if no delay clears the first. As few tracks as possible are left in conflict, and the others have the least delays.
-    Within the time limit the answer may be worse than that: `bound_s` is a proven bound. It is never worse than first
-    come, first served.
+    A delay shifts a whole plan: nothing of it is there before, and nothing after. Areas stay unless they are
+    `movable`, and the method is `exact`. Of two tracks the one moves that a separation rule says yields
+    (`Rule.yields`); the other one moves only if no delay clears the first. As few plans as possible are left in
+    conflict, and the others have the least delays. Within the time limit the answer may be worse than that: `bound_s`
+    is a proven bound. It is never worse than first come, first served.
 
     Raises the errors of `solve`, and InvalidInput for unknown keys and for limits that are none.
 
@@ -137,41 +161,68 @@ def resolve(
         ``total``, the sum of all delays, or ``largest``.
     limit_s : float
         Time for the proof, seconds.
+    movable : collection of str
+        The areas that may move in time, if they are in conflict; by default none.
+    margin_s, margin_m : float
+        Wanted on top of the required separations in time and in distance: plans that come nearer are in conflict here.
+    round_s : float
+        Delays are rounded away from 0, so that departures are whole multiples of so many seconds since midnight, and
+        checked again; by default they are exact. `is_least` and `bound_s` are those before.
+    time_zone : tzinfo
+        Whose midnight.
     """
-    limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
+    given = (within_s, now, slowest, fastest, aside_m, goal, limit_s, margin_s, margin_m, round_s, time_zone)
+    limits = ProposalLimits.of(*given)
     areas = questions.each("resolve", "areas", areas, Area)
-    setup, pieces, key_of, _, known = questions.numbered(
-        "resolve", tracks, areas, scene, Reach(limits.within_us, limits.within_us, limits.slowest)
+    if isinstance(scene, Scene | None):
+        scene = limits.margin.added_to(scene or Scene("in memory"))
+    if isinstance(movable, str):
+        raise InvalidInput("resolve", "movable", f"must be a list of keys; got the text {movable!r:.60}")
+    setup, pieces, key_of, known, areas = questions.numbered_with_areas(
+        "resolve", tracks, areas, scene, Reach(limits.within_us, limits.within_us, limits.slowest), set(movable)
     )
     scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
+    of_areas = {area.key: area for area in areas}
     weights, levels = dict(weights or {}), dict(levels or {})
-    _check(scene, planned, areas, keys, keep, weights, levels)
+    _check(scene, planned, of_areas, keys, keep, weights, levels, movable)
+    plans: dict[str, Area | Track] = {**planned, **{key: of_areas[key] for key in movable}}
     number_of = {key: number for number, key in key_of.items()}
     before = conflicts(planned.values(), areas, scene)
-    concerned = {key for pair in before for key in pair if key in planned}
+    concerned = {key for pair in before for key in pair if key in plans}
     # A proposal moves one voyage.
-    repeated = {key for key, track in planned.items() if track.departures_us is not None}
-    movable = sorted((concerned if keys is None else set(keys)) - set(keep) - repeated, key=str.encode)
-    numbers = np.array([number_of[key] for key in movable], np.int64)
-    low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
+    repeated = {key for key, plan in plans.items() if _repeats(plan)}
+    chosen = concerned if keys is None else {*keys, *(concerned & set(movable))}
+    moving = sorted(chosen - set(keep) - repeated, key=str.encode)
+    numbers = np.array([number_of[key] for key in moving], np.int64)
+    low, high = np.array([limits.of_delays(plans[key]) for key in moving], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
-    found = differences_of(setup.under(scene), Memory(pieces), numbers, most_us, waits=None)
-    weight = np.array([weights.get(key, 1.0) for key in movable])
+    found = differences_of(
+        setup.under(scene), Memory(pieces), numbers, most_us, waits=None, moves_areas=bool(set(movable))
+    )
+    weight = np.array([weights.get(key, 1.0) for key in moving])
     program = Program.of(found, numbers, low, high, weight)
-    classes = [planned[key].object_class for key in movable]
-    level = levels_of(program, np.array([levels.get(key, 0) for key in movable], np.int64), classes, scene.rules)
-    begins = np.array([planned[key].times_us[0] for key in movable], np.int64)
+    classes = [plans[key].object_class for key in moving]
+    kinds = ["area" if key in of_areas else "track" for key in moving]
+    level = levels_of(program, np.array([levels.get(key, 0) for key in moving], np.int64), classes, kinds, scene.rules)
+    departs = [questions.departure_us(plans[key], None) for key in moving]
+    begins = np.array([MINUS_INFINITY_US if at is None else at for at in departs], np.int64)
     solution = place(program, np.argsort(begins, kind="stable").tolist(), level, limits.goal, limits.limit_s)
-    delays = {key: int(us) for key, us in zip(movable, solution.delays.tolist(), strict=True) if us}
-    changed = planned | {key: later(planned[key], us) for key, us in delays.items()}
-    rest = {movable[i] for i in solution.left}
-    speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
+    placed = rounded_delays(program, solution.delays, departs, limits.clock)
+    if (placed != solution.delays).any():
+        solution = replace(solution, delays=placed, objective_s=program.cost(placed, limits.goal))
+    delays = {key: int(us) for key, us in zip(moving, solution.delays.tolist(), strict=True) if us}
+    changed = planned | {key: later(planned[key], us) for key, us in delays.items() if key in planned}
+    areas = [later(area, delays[area.key]) if area.key in delays else area for area in areas]
+    rest = {moving[i] for i in solution.left}
+    speeds = _speeds(scene, changed, areas, sorted(rest & planned.keys(), key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
-    unkept = {key: planned[key] for key in concerned - set(keep) - repeated}
-    notes = yielding_areas(before, unkept, {area.key: area for area in areas}, scene.rules)
-    notes += [f"track {key!r} {_REPEATED}" for key in sorted(concerned & repeated - set(keep), key=str.encode)]
-    stuck = sorted(rest - speeds.keys(), key=str.encode)
+    unkept = {key: planned[key] for key in (concerned & planned.keys()) - set(keep) - repeated}
+    fixed = {key: area for key, area in of_areas.items() if key not in plans}
+    notes = yielding_areas(before, unkept, fixed, scene.rules)
+    for key in sorted(concerned & repeated - set(keep), key=str.encode):
+        notes.append(f"area {key!r} {_AREA_REPEATED}" if key in of_areas else f"track {key!r} {_REPEATED}")
+    stuck = sorted((rest & planned.keys()) - speeds.keys(), key=str.encode)
     if not limits.slowest == limits.fastest == 1.0:
         notes += [f"track {key!r} {_AS_FAST}" for key in stuck if planned[key].tolerances is not None]
     if limits.aside_m > 0.0:
@@ -179,11 +230,14 @@ def resolve(
     ways = _ways(scene, changed, areas, stuck, limits)
     changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
     after = conflicts(changed.values(), areas, scene)
-    _verify(before, after, set(movable) - (rest - speeds.keys() - ways.keys()))
-    blocked = {movable[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
-    still = sorted({key for pair in after for key in pair if key in planned}, key=str.encode)
+    _verify(before, after, set(moving) - (rest - speeds.keys() - ways.keys()))
+    blocked = {moving[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
+    still = sorted({key for pair in after for key in pair if key in plans}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
-    moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of)
+    leaves = {key: questions.departure_us(plan, None) for key, plan in plans.items()}
+    departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves.items() if at is not None}
+    moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of, departs_at)
+    moves = [replace(move, is_area=move.key in of_areas) for move in moves]
     return Proposal(
         tuple(moves),
         tuple(left),
@@ -192,7 +246,14 @@ def resolve(
         solution.bound_s,
         solution.is_least,
         notes=tuple(notes),
+        margin_s=limits.margin.time_us / 1e6,
+        margin_m=limits.margin.distance_m,
     )
+
+
+def _repeats(plan: Area | Track) -> bool:
+    """Return whether a plan has voyages, or a schedule, that a proposal does not move."""
+    return plan.schedule is not None if isinstance(plan, Area) else plan.departures_us is not None
 
 
 def conflicts(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene) -> Pairs:
@@ -351,21 +412,26 @@ def _met(after: Pairs, key: str) -> tuple[str, ...]:
 def _check(
     scene: Scene,
     tracks: Mapping[str, Track],
-    areas: Iterable[Area],
+    areas: Mapping[str, Area],
     keys: Collection[str] | None,
     keep: Collection[str],
     weights: Mapping[str, float],
     levels: Mapping[str, int],
+    movable: Collection[str],
 ) -> None:
     """Raise InvalidInput for unknown keys, and for weights and levels that are none."""
-    who, every = f"scene {scene.name!r}", {*tracks, *(area.key for area in areas)}
+    who, every = f"scene {scene.name!r}", {*tracks, *areas}
+    for key in movable:
+        if key not in areas:
+            problem = "is a track, which moves anyway" if key in tracks else "is not known"
+            raise InvalidInput(who, "movable", f"{key!r} {problem}")
     for name, given in (("keys", keys or ()), ("keep", keep)):
         if isinstance(given, str):
             raise InvalidInput("resolve", name, f"must be a list of keys; got the text {given!r:.60}")
     require_one_voyage("resolve", "keys", [tracks[key] for key in keys or () if key in tracks])
     for key in [*(keys or ()), *weights, *levels]:
-        if key not in tracks:
-            problem = "is an area, which does not depart" if key in every else "is not known"
+        if key not in tracks and key not in movable:
+            problem = "is an area, and moves only if it is movable" if key in every else "is not known"
             raise InvalidInput(who, "track", f"{key!r} {problem}")
     for key in keep:
         if key not in every:

@@ -15,17 +15,19 @@ from conflictdb.model.rules import Rule
 _Ints = NDArray[np.int64]
 
 
-def levels_of(program: Program, given: _Ints, classes: Sequence[str | None], rules: Sequence[Rule]) -> _Ints:
-    """Return priority levels (n,) in which each track is below those that it yields to.
+def levels_of(
+    program: Program, given: _Ints, classes: Sequence[str | None], kinds: Sequence[str], rules: Sequence[Rule]
+) -> _Ints:
+    """Return priority levels (n,) in which each plan is below the tracks that it yields to.
 
     Given levels come first: rules order the tracks of one level. Tracks that yield to each other in a circle share a
     level, and so do all tracks that yield to none.
 
     given : (n,) levels
-    classes : n classes
+    classes, kinds : n classes, and ``area`` or ``track``
     """
     given = np.unique(given, return_inverse=True)[1].astype(np.int64)
-    edges = _yielding(program, given, classes, rules)
+    edges = _yielding(program, given, classes, kinds, rules)
     if not len(edges):
         return given
     shape = (len(program), len(program))
@@ -63,16 +65,20 @@ def yielding_areas(
     ]
 
 
-def _yielding(program: Program, given: _Ints, classes: Sequence[str | None], rules: Sequence[Rule]) -> _Ints:
-    """Return the pairs (m, 2) of tracks of one level whose first yields to the second."""
+def _yielding(
+    program: Program, given: _Ints, classes: Sequence[str | None], kinds: Sequence[str], rules: Sequence[Rule]
+) -> _Ints:
+    """Return the pairs (m, 2) of plans of one level whose first yields to the second."""
     if not any(rule.yields for rule in rules):
         return np.empty((0, 2), np.int64)
     table = RuleTable.of(rules)
-    known: dict[tuple[str | None, str | None], bool] = {}
+    known: dict[tuple[str | None, str | None, str], bool] = {}
     found = []
     for pair in program.pair:
         for i, j in (pair, pair[::-1]):
-            sides = classes[i], classes[j]
+            if kinds[j] == "area":  # rules say who yields to a track
+                continue
+            sides = classes[i], classes[j], kinds[i]
             if sides not in known:
                 known[sides] = table.does_yield(*sides)
             if known[sides] and given[i] == given[j]:

@@ -23,6 +23,11 @@ class Clock:
     zone: tzinfo = UTC
     step_us: int = 60_000_000
 
+    @property
+    def name(self) -> str:
+        """The name of the zone."""
+        return "UTC" if self.zone is UTC else str(self.zone)
+
     def steps_us(self) -> Iterator[int]:
         """Yield the step, then finer ones."""
         yield from (unit for unit in (self.step_us, *_FINER_US) if 0 < unit <= max(self.step_us, 1))

@@ -6,10 +6,12 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
+from conflictdb.model.clock import Clock
 from conflictdb.model.plans import Track
 from conflictdb.model.results import format_moment, labelled
 
 METRES_PER_NMI: Final = 1852.0
+_EXACT: Final = Clock(step_us=0)
 
 
 class Goal(StrEnum):
@@ -63,13 +65,15 @@ class NewWaypoints:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A change of one track.
+    """A change of one track, or of the times of one area.
 
     delay_s : seconds by which all of its times are later, negative: earlier; whole microseconds
     speed : factor of its planned speed, on all legs, departing as planned; 1: as planned
     clears : the keys of the objects that it is in conflict with as planned, and no longer
     passes : how it passes these, and others that keep it from a smaller delay
     detour : its new waypoints; None: it has the planned ones
+    departs_at : when it departs, or is active first, then; None: an area without a start
+    is_area : whether it is an area
     """
 
     key: str
@@ -78,11 +82,13 @@ class Move:
     clears: tuple[str, ...]
     passes: tuple[Passing, ...]
     detour: NewWaypoints | None = None
+    departs_at: datetime | None = None
+    is_area: bool = False
 
-    def text(self, names: Mapping[str, str] | None = None) -> str:
+    def text(self, names: Mapping[str, str] | None = None, clock: Clock = _EXACT) -> str:
         """Return the move in one sentence; names: of objects, by key."""
         label = {} if names is None else names
-        parts = [_change(self)]
+        parts = [_change(self, clock)]
         for one in self.passes:
             where = "" if one.closest_m is None else f" by {_distance(one.closest_m)}"
             other = labelled(one.key, label.get(one.key))
@@ -90,7 +96,7 @@ class Move:
                 Side.ASTERN: "passes astern of",
                 Side.AHEAD: "passes ahead of",
                 Side.AFTER: "comes after",
-                Side.BEFORE: "leaves before",
+                Side.BEFORE: "ends before" if self.is_area else "leaves before",
                 Side.CLEAR: "keeps clear of",
             }[one.side]
             parts.append(f"{verb} {other}{where if one.side not in (Side.AFTER, Side.BEFORE) else ''}")
@@ -102,7 +108,7 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """A track that stays as planned although it is in conflict.
+    """A plan that may move and stays as planned although it is in conflict.
 
     blocked_by : the keys of objects that together forbid every change that it may make
     """
@@ -123,6 +129,7 @@ class Proposal:
     is_least : whether that is proven, to a millisecond: no other choice leaves fewer tracks, or as many for less
     proposal_id : its id in the database; None in memory
     notes : sentences on wishes that it cannot fulfil: areas that yield by a rule, tracks that get no new waypoints
+    margin_s, margin_m : by how much more than the required separations the scene is clear
     """
 
     moves: tuple[Move, ...]
@@ -133,6 +140,8 @@ class Proposal:
     is_least: bool
     proposal_id: int | None = None
     notes: tuple[str, ...] = ()
+    margin_s: float = 0.0
+    margin_m: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""
@@ -140,6 +149,7 @@ class Proposal:
         for move, row in zip(self.moves, found["moves"], strict=True):
             for passing in row["passes"]:
                 passing["closest_at"] = format_moment(passing["closest_at"])
+            row["departs_at"] = format_moment(move.departs_at)
             row["text"] = move.text()
         return found
 
@@ -182,7 +192,7 @@ def _place(lon: float, lat: float) -> str:
     return f"{abs(lat):.4f} {'S' if lat < 0.0 else 'N'} {abs(lon):.4f} {'W' if lon < 0.0 else 'E'}"
 
 
-def _change(move: Move) -> str:
+def _change(move: Move, clock: Clock) -> str:
     if move.detour is not None:
         way = " and ".join(_place(*place) for place in move.detour.waypoints_deg)
         longer = f"{_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
@@ -190,4 +200,8 @@ def _change(move: Move) -> str:
     if move.speed != 1.0:
         return f"at {100.0 * move.speed:.1f} % of its speed"
     later = "later" if move.delay_s > 0.0 else "earlier"
-    return f"{duration_text(abs(move.delay_s))} {later}"
+    shift = f"{duration_text(abs(move.delay_s))} {later}"
+    if move.departs_at is None:
+        return shift
+    verb = "is active from" if move.is_area else "departs"
+    return f"{verb} {clock.text(move.departs_at)} {clock.name} ({shift})"

@@ -133,7 +133,7 @@ def test_margins_and_windows_are_those_of_python(scene: Conn, dsn: str) -> None:
         assert found[9:] == (expected.departs_at, 300.0, 926.0, said["slots"], said["closed"])
         assert found[12]
         assert found[13]
-    for options, state in (
+    refusals: tuple[tuple[str, str], ...] = (
         ("p_margin => '-1 s'", "ZC003"),
         ("p_margin => '200 years'", "ZC003"),
         ("p_margin_m => -1", "ZC003"),
@@ -141,9 +141,10 @@ def test_margins_and_windows_are_those_of_python(scene: Conn, dsn: str) -> None:
         ("p_margin_m => 'infinity'", "ZC016"),
         ("p_from => 'infinity'", "ZC016"),
         ("p_best => 0", "ZC003"),
-    ):
+    )
+    for options, expected_state in refusals:
         found_state, text = refused(scene, f"SELECT conflictdb.request_delays('s', 'EAST', {options})")
-        assert found_state == state, text
+        assert found_state == expected_state, text
 
 
 def test_what_cannot_be_asked_is_refused(scene: Conn, dsn: str) -> None:

@@ -735,6 +735,9 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert done.code == DONE
     assert "apply it: conflictdb apply 1" in done.out
     assert "clears" in done.out
+    assert "SURVEY (Survey aircraft) departs 2026-06-01 11:56 UTC (51 min later): " in done.out
+    assert "clear, no margin; delay in all 15 h 53 min, the least before rounding: 15 h 51 min 45 s" in done.out
+    assert "tried: delays up to 8 h; these look further: --within (longer delays), --now (earlier" in done.out
     answer = json.loads(run("resolve", "--scene", "strait", "--within", "8h", "--format", "json").out)
     assert answer["proposal_id"] == 2
     assert {"key", "delay_s", "clears", "passes", "text"} <= answer["moves"][0].keys()
@@ -746,3 +749,15 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert " via " in aside.out
     assert "keeps clear of CABLE" in aside.out
     assert run("resolve", "--scene", "strait", "--keep", "nobody").code == INPUT_REFUSED
+    words = ("--within", "8h", "--margin", "5m", "--movable", "DIVING", "--tz", "Europe/Copenhagen")
+    areas = run("resolve", "--scene", "strait", *words)
+    assert (
+        "DIVING (Diving on a wreck) is active from 2026-06-01 15:17 Europe/Copenhagen (4 h 17 min later)" in areas.out
+    )
+    assert "1 left, clear by 5 min; " in areas.out
+    assert "areas move: it is not stored" in areas.out
+    nothing = run("resolve", "--scene", "strait", "--within", "1s", "SUB-1")
+    assert nothing.out.splitlines()[-2] == "nothing found that may move"
+    tried = nothing.out.splitlines()[-1]
+    assert tried.startswith("tried: delays up to 1 s; these look further: --within (longer delays), --now (earlier ")
+    assert tried.endswith("--movable (other times of areas), no KEY, no --keep (all may move)")

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import psycopg
 import shapely
-from case import PLACES, Case, Finding, Rows, idle_schedules, only_of, same
+from case import PLACES, Case, Finding, Plan, Rows, idle_schedules, only_of, same
 from city import worker_connected
 from memory_paths import (
     DAYS_S,
@@ -524,7 +524,7 @@ def delays_stored(case: StoredCase) -> Finding:
     return finding
 
 
-def _same_delays(case: Case, stored: Delays, computed: Delays, track: Area | Track, within_s: float) -> Finding:
+def _same_delays(case: Case, stored: Delays, computed: Delays, track: Plan, within_s: float) -> Finding:
     """Compare delays with those of memory, whose claims are checked; without a fixed plane, check the claims."""
     if not case.has_fixed_plane:
         return claims_of_delays(case, stored, track, within_s)

@@ -1,13 +1,13 @@
 """Paths without a database."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
 import geopandas
 import numpy as np
 import shapely
-from case import Case, Finding, NotApplicable, at_speed, delayed, idle_schedules, only_of, same, solved, waiting
+from case import Case, Finding, NotApplicable, Plan, at_speed, delayed, idle_schedules, only_of, same, solved, waiting
 from layouts import Hubs
 from scene_features import DAY_US
 
@@ -149,12 +149,12 @@ def with_activations(case: Case, area: Area, within_s: float) -> tuple[Case, Are
     reach = Reach.either(round(1e6 * within_s))
     world = World.of(case.scene, case.mixed.areas, case.mixed.tracks, reach=reach, moved=beside)
     areas, tracks = world.expanded(case.mixed.areas, case.mixed.tracks)
-    areas, tracks = ([later(one, 0) for one in some] for some in (areas, tracks))
+    areas, tracks = [later(area, 0) for area in areas], [later(track, 0) for track in tracks]
     fixed = Case(replace(case.mixed, areas=areas, tracks=tracks), case.folder)
     return fixed, next(one for one in areas if one.key == area.key)
 
 
-def claims_of_delays(case: Case, answer: Delays, track: Area | Track, within_s: float) -> Finding:
+def claims_of_delays(case: Case, answer: Delays, track: Plan, within_s: float) -> Finding:
     """Check the claims of delays by moving the track and solving again."""
     finding, whole_us = Finding(), round(1e6 * within_s)
     for at_us, is_free, one in _delays_to_check(answer, -whole_us, whole_us):
@@ -313,17 +313,33 @@ def resolve_with_ways(case: Case) -> Finding:
     return resolve_in_memory(case, 3000.0)
 
 
-def claims_of_resolve(case: Case, proposal: Proposal) -> Finding:
-    """Check a proposal by moving all its tracks and solving again: tracks meet something if they are left, only."""
+def resolve_with_areas(case: Case) -> Finding:
+    """`resolve` that may move all areas in time, with departures in whole minutes."""
+    mixed, movable = case.mixed, [area.key for area in case.mixed.areas]
+    with idle_schedules():
+        proposal = resolve(
+            mixed.tracks, mixed.areas, case.scene, within_s=WITHIN_S, limit_s=5.0, movable=movable, round_s=60.0
+        )
+    return claims_of_resolve(case, proposal, movable)
+
+
+def claims_of_resolve(case: Case, proposal: Proposal, movable: Collection[str] = ()) -> Finding:
+    """Check a proposal by moving all its plans and solving again: plans meet something if they are left, only.
+
+    movable : areas that may move, which are checked as well
+    """
     finding = Finding()
     scene = replace(case.scene, nearest_m=0.0)
     moves = {move.key: move for move in proposal.moves}
     left = {one.key for one in proposal.left}
     tracks = [moved(scene, track, moves[track.key]) if track.key in moves else track for track in case.mixed.tracks]
+    areas = [
+        later(area, round(1e6 * moves[area.key].delay_s)) if area.key in moves else area for area in case.mixed.areas
+    ]
     # Rounding decides whether shapes that only touch are reported.
     after = {
         pair: row
-        for pair, row in solved(tracks, case.mixed.areas, scene).items()
+        for pair, row in solved(tracks, areas, scene).items()
         if case.has_fixed_plane or row.verdict is not Verdict.GRAZING
     }
     concerned = {key for pair, row in case.rows.items() if row.verdict is not Verdict.NEAR for key in pair}
@@ -331,11 +347,11 @@ def claims_of_resolve(case: Case, proposal: Proposal) -> Finding:
         finding.check(key not in moves, f"{key} moves, although its voyages repeat")
         is_noted = any(f"track {key!r} stays as planned" in note for note in proposal.notes)
         finding.check(is_noted == (key in concerned), f"{key} is in conflict and stays, or not: {proposal.notes}")
-    for track in tracks:
-        met = [*only_of(after, {track.key})]
+    for key in [*(track.key for track in tracks), *movable]:
+        met = [*only_of(after, {key})]
         if case.has_fixed_plane or met:
-            problem = f"{track.key} meets {met} after the proposal, is left: {track.key in left}"
-            finding.check(bool(met) == (track.key in left), problem)
+            problem = f"{key} meets {met} after the proposal, is left: {key in left}"
+            finding.check(bool(met) == (key in left), problem)
     new = after.keys() - case.rows.keys()
     finding.check(not new, f"{new} are new after the proposal")
     return finding
@@ -373,5 +389,6 @@ MEMORY_PATHS: Final = {
     "detours": detours_in_memory,
     "resolve": resolve_in_memory,
     "resolve with ways": resolve_with_ways,
+    "resolve with areas": resolve_with_areas,
     "chances": chances_in_memory,
 }

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from itertools import combinations, permutations
 
@@ -30,8 +31,10 @@ from conflictdb.memory.greedy import greedy, is_plan
 from conflictdb.memory.least import least
 from conflictdb.memory.program import NOTHING, Program, chain_of
 from conflictdb.memory.resolve import at_speed, moved, place
+from conflictdb.memory.rounding import rounded_delays
 from conflictdb.memory.turns import Turns, bound_of
 from conflictdb.memory.yielding import levels_of
+from conflictdb.model.clock import Clock
 from conflictdb.model.recurring_plans import later
 
 SECOND = 1_000_000
@@ -290,10 +293,72 @@ def test_move_is_explained() -> None:
     [move] = found.moves
     assert move.key == "FERRY"
     assert move.clears == ("TOW",)
-    assert move.text() == "FERRY 1 min 16 s later: passes astern of TOW by 1 m; clears 1 conflict, makes none"
+    assert move.text() == (
+        "FERRY departs 2026-05-28 20:27:55.176779 UTC (1 min 16 s later): passes astern of TOW by 1 m; "
+        "clears 1 conflict, makes none"
+    )
     assert [one.side for one in move.passes] == [Side.ASTERN]
     assert found.objective_s == found.bound_s == move.delay_s
     assert found.as_json()["moves"][0]["text"] == move.text()
+
+
+def test_margins_and_clock_times_are_kept() -> None:
+    """Of random scenes: after the moves a detection with the margin finds nothing; departures are whole minutes."""
+    moves = 0
+    for seed in range(8):
+        scene, areas, tracks = plain_scene(LOW_LATITUDE, seed, 3, 9)
+        asked = {"within_s": 6 * 3600.0, "margin_s": 300.0, "margin_m": 926.0, "round_s": 60.0}
+        movable = [area.key for area in areas]
+        found = resolve(tracks, areas, scene, movable=movable, **asked)  # type: ignore[arg-type]
+        of_key = {move.key: move for move in found.moves}
+        now = [later(one, round(1e6 * of_key[one.key].delay_s)) if one.key in of_key else one for one in tracks]
+        there = [later(one, round(1e6 * of_key[one.key].delay_s)) if one.key in of_key else one for one in areas]
+        wider = replace(scene, separation_m=scene.separation_m + 926.0, time_separation_s=300.0)
+        left = {one.key for one in found.left}
+        for one in solve(now, there, wider):
+            assert {one.a_key, one.b_key} <= left, (seed, one)
+        for move in found.moves:
+            assert move.departs_at is not None
+            assert (move.departs_at.second, move.departs_at.microsecond) == (0, 0)
+            assert move.is_area == (move.key in movable)
+        moves += len(found.moves)
+        assert (found.margin_s, found.margin_m) == (300.0, 926.0)
+    assert moves > 10
+
+
+def test_what_is_rounded_is_checked_with_the_others() -> None:
+    """Two ships behind each other take other minutes; a gap without a whole minute takes a second of it."""
+    clock = Clock(step_us=60 * SECOND)
+    apart = Spans(np.array([-90 * SECOND]), np.array([90 * SECOND]))
+    single = [Spans(np.array([-10 * SECOND]), np.array([low * SECOND])) for low in (25, 116)]
+    high = np.array([FEVER, FEVER]).astype(np.int64)
+    program = Program(np.zeros(2, np.int64), high, np.ones(2), single, {(0, 1): apart})
+    delays = np.array([25 * SECOND + 1, 116 * SECOND + 1])
+    found = rounded_delays(program, delays, [0, 0], clock)
+    assert found.tolist() == [60 * SECOND, 180 * SECOND]
+    narrow = [Spans(np.array([0, 40 * SECOND]), np.array([25 * SECOND, 300 * SECOND])), NOTHING]
+    program = Program(np.zeros(2, np.int64), np.full(2, 200 * SECOND), np.ones(2), narrow, {})
+    found = rounded_delays(program, np.array([25 * SECOND + 1, 0]), [0, 0], clock)
+    assert found.tolist() == [26 * SECOND, 0]
+    assert rounded_delays(program, np.array([25 * SECOND + 1, 0]), [0, 0], Clock(step_us=0))[0] == 25 * SECOND + 1
+
+
+def test_an_area_moves_only_if_it_is_movable() -> None:
+    area = Area("A", shapely.box(0.4, -0.1, 0.6, 0.1), None, T0_US, T0_US + 3600 * 24 * SECOND)
+    alone = resolve([FERRY], [area], SCENE, keep=["FERRY"], within_s=200_000.0)
+    assert alone.moves == ()
+    found = resolve([FERRY], [area], SCENE, keep=["FERRY"], movable=["A"], within_s=200_000.0, round_s=60.0)
+    [move] = found.moves
+    assert move.text().startswith("A is active from 2026-05-28 22:47 UTC (2 h 20 min 20 s later)")
+    assert "comes after FERRY; clears 1 conflict" in move.text()
+    for movable, says in (("A", "must be a list"), (["FERRY"], "is a track"), (["B"], "is not known")):
+        with pytest.raises(InvalidInput, match=says):
+            resolve([FERRY], [area], SCENE, movable=movable)
+    weekly = Area("W", area.footprint, schedule={"periods": [["00:00", "24:00"]]})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = resolve([FERRY], [weekly], SCENE, keep=["FERRY"], movable=["W"])
+    assert "area 'W' stays as planned: its times follow a schedule" in found.notes
 
 
 def test_a_track_that_leaves_after_another_arrived_does_not_pass_astern_of_it() -> None:
@@ -452,16 +517,22 @@ def test_circles_of_yielding_tracks_share_a_level() -> None:
         dict.fromkeys([(0, 1), (1, 2), (0, 2), (2, 3), (0, 4)], spans),
     )
     rules = [Rule(a, b, yields="a") for a, b in ("ab", "bc", "ca", "cd")]
-    level = levels_of(program, np.zeros(5, np.int64), list("abcde"), rules).tolist()
+    level = levels_of(program, np.zeros(5, np.int64), list("abcde"), ["track"] * 5, rules).tolist()
     assert level[0] == level[1] == level[2] < level[3] == level[4]
-    assert levels_of(program, np.array([10**6, 0, -(10**6), 0, 0]), list("abcde"), []).tolist() == [2, 1, 0, 1, 1]
+    assert levels_of(program, np.array([10**6, 0, -(10**6), 0, 0]), list("abcde"), ["track"] * 5, []).tolist() == [
+        2,
+        1,
+        0,
+        1,
+        1,
+    ]
 
 
 @pytest.mark.parametrize(
     ("given", "part"),
     [
         ({"keys": ["X"]}, "'X' is not known"),
-        ({"keys": ["A"]}, "'A' is an area, which does not depart"),
+        ({"keys": ["A"]}, "'A' is an area, and moves only if it is movable"),
         ({"keys": "FERRY"}, "must be a list of keys; got the text 'FERRY'"),
         ({"keep": ["X"]}, "'X' is not known"),
         ({"within_s": -1.0}, "within_s"),

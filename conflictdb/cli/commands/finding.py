@@ -293,6 +293,8 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument(
         "--limit", type=duration_s, default=30.0, metavar="DURATION", help="time to compute (default: 30s)"
     )
+    parser.add_argument("--movable", nargs="+", default=[], metavar="KEY", help="areas that may move in time, too")
+    add_options(parser, "--margin", "--round", "--tz")
     add_format(parser, "table", "json")
 
     parser = command(commands, "apply", "resolving:apply", "apply or undo a proposal")
