@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.hints import COMMANDS
+from conflictdb.cli.meant import COMMANDS
 from conflictdb.cli.values import (
     aware,
     count,

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from conflictdb import store
-from conflictdb.cli.hints import of_unknown_keys
 from conflictdb.cli.last_scene import recall, remember
+from conflictdb.cli.meant import of_unknown_keys
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.client.database import Database, connect

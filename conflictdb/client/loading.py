@@ -15,7 +15,7 @@ from conflictdb.earth.registry import Setup, middle_deg, places_of, summed_direc
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
-from conflictdb.formats.gather import Plan, gather, scene_name
+from conflictdb.formats.gather import GatheredScene, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
 from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_observed, read_parts
 from conflictdb.formats.scene_file import LateMembersError
@@ -93,8 +93,8 @@ def put(
 
 
 def _with_settings(
-    connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool, phase: Phase
-) -> tuple[Plan, Scene]:
+    connection: "psycopg.Connection[Any]", plan: GatheredScene, skip_invalid: bool, phase: Phase
+) -> tuple[GatheredScene, Scene]:
     """Return a plan and the settings of its scene: the file's, else the stored ones; checks all objects.
 
     With `skip_invalid`, objects that do not fit the scene's plane are left out of the plan.
@@ -194,7 +194,9 @@ def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> It
         phase("reading objects", done, 0)
 
 
-def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, replace: bool, phase: Phase) -> Loaded:
+def _loaded(
+    connection: "psycopg.Connection[Any]", plan: GatheredScene, settings: Scene, replace: bool, phase: Phase
+) -> Loaded:
     try:
         counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=not replace, phase=phase)
     except InvalidInput as refused:
@@ -266,7 +268,7 @@ def _some_objects(
         raise without_objects(who, source, parts.skipped, has_settings=parts.settings is not None)
 
 
-def _require_objects(plan: Plan, replace: bool) -> None:
+def _require_objects(plan: GatheredScene, replace: bool) -> None:
     """Raise InvalidInput for a plan without objects, with the reason for each object that was left out.
 
     Only files of settings alone may empty a scene, and only with `replace`.
@@ -276,7 +278,9 @@ def _require_objects(plan: Plan, replace: bool) -> None:
     raise without_objects(f"scene {plan.name!r}", plan.sources[0], plan.skipped, has_settings=plan.settings is not None)
 
 
-def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], object]) -> InvalidInput | None:
+def _refused(
+    settings: Scene, plan: GatheredScene, source: str, checked: Callable[[int], object]
+) -> InvalidInput | None:
     """Return the error for an object of a file that does not fit the scene's plane, None if all fit.
 
     checked : called with the number of objects checked so far

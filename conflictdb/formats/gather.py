@@ -15,7 +15,7 @@ from conflictdb.model.plans import Area, Scene, Track
 
 
 @dataclass(slots=True)
-class Plan:
+class GatheredScene:
     """The objects of one scene, from one or more files.
 
     name : of the scene
@@ -57,7 +57,7 @@ def gather(
     phase: Phase = unwatched,
     settings_of: Callable[[str], Scene] = Scene,
     **options: Unpack[ReadOptions],
-) -> list[Plan]:
+) -> list[GatheredScene]:
     """Return the scenes in some files, in order of first appearance.
 
     Parameters
@@ -77,7 +77,7 @@ def gather(
         A file is refused or has neither objects nor settings, an id appears in two files of a scene, or the files have
         different settings.
     """
-    plans: dict[str, Plan] = {}
+    plans: dict[str, GatheredScene] = {}
     refusals = Refusals()
     files: list[_SceneFile] = []
     for i, path in enumerate(paths):
@@ -100,7 +100,7 @@ def gather(
             contents = file.found()
             if contents.scene is None and not (contents.areas or contents.tracks):
                 raise without_objects("file", str(file.path), contents.skipped)
-            _add(plans.setdefault(file.scene, Plan(file.scene)), str(file.path), contents, refusals)
+            _add(plans.setdefault(file.scene, GatheredScene(file.scene)), str(file.path), contents, refusals)
     refusals.raise_found()
     return list(plans.values())
 
@@ -146,7 +146,7 @@ def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> s
     return checked_key("scene", "name", own if scene is None else scene)
 
 
-def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> None:
+def _add(plan: GatheredScene, source: str, contents: Contents, refusals: Refusals) -> None:
     if contents.scene is not None:
         settings = replace(contents.scene, name=plan.name)
         if plan.settings is not None and (differing := settings.differing(plan.settings)):

@@ -58,7 +58,7 @@ def admit(
     return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
 
 
-class _Cut(NamedTuple):
+class _ToAdmit(NamedTuple):
     """Plans cut under the settings of a scene; span : the time that they touch."""
 
     scene: Scene
@@ -67,12 +67,12 @@ class _Cut(NamedTuple):
     members: Members
 
 
-def _cut(conn: psycopg.Connection[Any], number: int, scene: Scene, plans: Sequence[Area | Track]) -> _Cut:
+def _cut(conn: psycopg.Connection[Any], number: int, scene: Scene, plans: Sequence[Area | Track]) -> _ToAdmit:
     world, span = world_of(conn, number, scene, plans)
-    return _Cut(scene, world, span, Members.of_plans(world, plans))
+    return _ToAdmit(scene, world, span, Members.of_plans(world, plans))
 
 
-def _cut_early(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> _Cut | None:
+def _cut_early(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> _ToAdmit | None:
     """Return plans cut under the settings of the connection's last admission, before the lock; None: not known.
 
     Schedules are expanded under the lock. So are errors raised: the settings may have changed.

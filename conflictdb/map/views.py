@@ -8,7 +8,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.errors import ConflictDBError
-from conflictdb.map.live import Listener, SceneChanges
+from conflictdb.map.scene_changes import Listener, SceneChanges
 
 # Scenes that one server shows at once.
 MOST_VIEWS: Final = 16

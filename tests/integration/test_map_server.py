@@ -38,7 +38,7 @@ from conflictdb.cli import pictures
 from conflictdb.errors import ConflictDBError
 from conflictdb.map import serve
 from conflictdb.map.guard import local_hosts
-from conflictdb.map.live import CONFLICTS, OBJECTS, Listener, SceneChanges
+from conflictdb.map.scene_changes import CONFLICTS, OBJECTS, Listener, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer
 from conflictdb.map.views import MOST_VIEWS
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene

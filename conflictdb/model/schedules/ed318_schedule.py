@@ -5,8 +5,8 @@ from datetime import UTC, tzinfo
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.schedules.clock import clock_s
 from conflictdb.model.schedules.days import DAYS
+from conflictdb.model.schedules.local_times import clock_s
 from conflictdb.model.schedules.schedule import Daily, Moment, Period, Schedule, TimedRule
 
 _EVENTS: Final = {"BMCT": "civil_dawn", "SR": "sunrise", "SS": "sunset", "EECT": "civil_dusk"}

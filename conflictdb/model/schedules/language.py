@@ -21,10 +21,10 @@ from datetime import UTC, date, tzinfo
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.schedules.clock import clock_s, date_of, instant_us, zone_of
 from conflictdb.model.schedules.days import DAYS
 from conflictdb.model.schedules.ed318_schedule import ed318_schedule
 from conflictdb.model.schedules.item_d import item_d_schedule
+from conflictdb.model.schedules.local_times import clock_s, date_of, instant_us, zone_of
 from conflictdb.model.schedules.recurrences import rrule_schedule
 from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Period, Schedule, TimedRule
 from conflictdb.model.schedules.sun import EVENTS

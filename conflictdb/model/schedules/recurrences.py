@@ -11,7 +11,7 @@ import numpy as np
 from dateutil import rrule
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.schedules.clock import zone_of
+from conflictdb.model.schedules.local_times import zone_of
 from conflictdb.model.schedules.schedule import Floats, Ints, Schedule, TimedRule
 
 _FIELD: Final = "schedule.rrule"
