@@ -9,7 +9,7 @@ wide as they are.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final, TypeVar
+from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ COVER: Final = -1
 _HIGHEST_DEG: Final = 89.5
 
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
+# Annotations of inner functions are computed whenever these are made.
+_Rows: TypeAlias = NDArray[np.int64]
 
 
 def pieces_of(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
@@ -90,10 +92,10 @@ def _pieces(
     activations = batch.active if isinstance(batch, AreaBatch) else batch.departs
     every, unknown = np.flatnonzero(np.diff(activations.offset)), ids[activations.is_unknown]
 
-    def cut_some(rows: NDArray[np.int64]) -> Pieces:
+    def cut_some(rows: _Rows) -> Pieces:
         return _of_any_time(cut(setup, batch if len(rows) == len(batch) else batch.take(rows)), unknown)
 
-    def cover(rows: NDArray[np.int64]) -> Pieces:
+    def cover(rows: _Rows) -> Pieces:
         return _of_any_time(covers(setup.plane, batch.take(rows)), unknown)
 
     found = []
