@@ -279,9 +279,11 @@ def loaded_text(loaded: "Loaded") -> str:
 
 
 def remark_loaded(loaded: "Iterable[Loaded]") -> None:
-    """Print the objects left out of files with reasons, and remarks on unintended input."""
+    """Print the objects left out of files with reasons, remarks on unintended input, and what came, in one line."""
     for one in loaded:
         remark_read(one.skipped, one.remarks)
+        if one.came:
+            remark(f"{one.scene}: {one.came}")
 
 
 def remark_read(skipped: "Iterable[Skipped]", remarks: "Sequence[Remark]") -> None:

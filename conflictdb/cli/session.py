@@ -5,7 +5,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from conflictdb import store
 from conflictdb.cli.last_scene import recall, remember
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from conflictdb.cli.parser import Parser
     from conflictdb.client.loading import Loaded
     from conflictdb.embedded import EmbeddedServer
+
+
+# Of fewer each is read.
+_MANY_MISTAKES: Final = 4
 
 
 @contextmanager
@@ -125,7 +129,7 @@ def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
         args.speed_kn,
         max_gap_s=MAX_GAP_S if args.max_gap is None else 3600.0 * args.max_gap,
     )
-    with shown_phases() as phase, _advice_on_time_zone(args):
+    with shown_phases() as phase, _advice(args):
         loaded = db.load_files(
             args.files,
             args.scene,
@@ -145,8 +149,8 @@ def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
 
 
 @contextmanager
-def _advice_on_time_zone(args: argparse.Namespace) -> Iterator[None]:
-    """Print which option helps, if a file is refused for times without offset."""
+def _advice(args: argparse.Namespace) -> Iterator[None]:
+    """Print which option helps, if a file is refused for times without offset, or for many mistakes."""
     from conflictdb.formats.instants import OFFSET_RULE
 
     try:
@@ -154,6 +158,9 @@ def _advice_on_time_zone(args: argparse.Namespace) -> Iterator[None]:
     except InvalidInput as error:
         if args.time_zone is None and OFFSET_RULE in str(error):
             remark("times lack an offset: --time-zone ZONE says where they are local, such as UTC or Europe/Copenhagen")
+        count = sum(1 for _ in error)
+        if count >= _MANY_MISTAKES and not args.skip_invalid:
+            remark(f"{count:,} mistakes, by reason: --skip-invalid leaves these objects out, and loads the others")
         raise
 
 

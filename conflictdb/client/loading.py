@@ -19,6 +19,7 @@ from conflictdb.formats.gather import GatheredScene, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
 from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_observed, read_parts
 from conflictdb.formats.scene_file import LateMembersError
+from conflictdb.formats.what_came import WhatCame
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
 if TYPE_CHECKING:
@@ -37,12 +38,14 @@ class Loaded:
     counts : objects added, updated, removed, unchanged
     skipped : rows and objects that were left out
     remarks : valid input that is probably unintended
+    came : what the files held, in one line: how many, where, when, how fast, how high; empty if nothing
     """
 
     scene: str
     counts: store.LoadCounts
     skipped: tuple[Skipped, ...]
     remarks: tuple[Remark, ...]
+    came: str = ""
 
     @property
     def invalid(self) -> tuple[Skipped, ...]:
@@ -182,7 +185,7 @@ def _stored_by_parts(
         each = _counted(each, phase)
     counts = store.replace_scene_by_parts(connection, settings, each, merge=not replace, phase=phase)
     replaced = _replaced(source, counts, parts.derived if parts.settings is None else ())
-    return Loaded(settings.name, counts, tuple(parts.skipped), (*parts.remarks, *replaced))
+    return Loaded(settings.name, counts, tuple(parts.skipped), (*parts.remarks, *replaced), parts.came)
 
 
 def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -205,7 +208,9 @@ def _loaded(
     items: list[Area | Track] = [*plan.areas, *plan.tracks]
     keys = [one.key for one in items] if plan.settings is None else []
     replaced = _replaced(plan.sources[0], counts, [*plan.derived, *(key for key in keys if _is_number(key, len(keys)))])
-    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced))
+    came = WhatCame()
+    came.add(plan.areas, plan.tracks)
+    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced), came.line())
 
 
 def _is_number(key: str, count: int) -> bool:

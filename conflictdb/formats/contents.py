@@ -102,6 +102,7 @@ class Parts:
     settings : of its scene, None if the file has none
     each : areas and tracks in batches; can be read once
     refusals, skipped, remarks, derived : those of the parts read so far; of the derived ids the first
+    came : what they held, in one line, after the last part
     """
 
     settings: Scene | None
@@ -110,6 +111,7 @@ class Parts:
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     derived: list[str] = field(default_factory=list)
+    came: str = ""
 
 
 class _Keyed(Protocol):

@@ -14,9 +14,11 @@ from conflictdb.formats.fixes import lasts
 from conflictdb.model.plans import Area, Track
 
 # An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
-# _LEAST_M away. Less is no sign of a mistake.
+# _LEAST_M away; beyond _PLAINLY_FAR_M three times as far. Less is no sign of a mistake.
 FAR: Final = 10.0
 _LEAST_M: Final = 200_000.0
+# So far away a smaller factor suffices.
+_PLAINLY_FAR_M: Final = 500_000.0
 # Objects per chunk.
 _AT_ONCE: Final = 50_000
 # Corners of an extent, as columns of longitude and latitude.
@@ -60,7 +62,8 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
     can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
     swapped_m[can_be_swapped] = _apart_m(_unit(places[can_be_swapped, ::-1]), middle)
     looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
-    is_far = (distance_m > max(FAR * reach_m, _LEAST_M)) & (n > 2)
+    least_m = min(max(FAR * reach_m, _LEAST_M), max(_FAR_IF_SWAPPED * reach_m, _PLAINLY_FAR_M))
+    is_far = (distance_m > least_m) & (n > 2)
     for i in np.flatnonzero(is_far | looks_swapped).tolist():
         text = f"lies {distance_m[i] / 1000.0:,.0f} km from the other objects"
         if looks_swapped[i]:

@@ -38,6 +38,7 @@ from conflictdb.formats.contents import (
     Parts,
     Phase,
     Remark,
+    name_of,
     unwatched,
 )
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
@@ -50,6 +51,7 @@ from conflictdb.formats.rings import HalfTurns
 from conflictdb.formats.scene_file import read_scene, scene_parts, without_collector
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import UnreadProperties
+from conflictdb.formats.what_came import WhatCame, now_us
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
@@ -223,14 +225,16 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    unread, owners, turns, legs = UnreadProperties(), Owners(), HalfTurns(), places.LongLegs()
+    unread, owners, turns, legs, came = UnreadProperties(), Owners(), HalfTurns(), places.LongLegs(), WhatCame()
     for areas, tracks in each:
         summary.add(areas, tracks)
+        came.add(areas, tracks)
         unread.add([*areas, *tracks])
         turns.add(areas)
         owners.add([*areas, *tracks])
         legs.add(tracks)
         yield areas, tracks
+    parts.came = came.line()
     parts.refusals.extend(summary.twice())
     parts.remarks += [
         *(() if len(summary) else (_empty(source),)),
@@ -238,6 +242,7 @@ def _summed_up(
         *owners.remarks(source),
         *turns.remarks(source),
         *summary.remarks(source),
+        *came.remarks(source, summary.name, now_us()),
         *(legs.remarks(source) if parts.settings is None else ()),
     ]
 
@@ -255,6 +260,10 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     turns.add(contents.areas)
     yield from turns.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
+    came = WhatCame()
+    came.add(contents.areas, contents.tracks)
+    items: list[Area | Track] = [*contents.areas, *contents.tracks]
+    yield from came.remarks(source, lambda i: name_of(items[i]), now_us())
     if contents.scene is None:
         legs = places.LongLegs()
         legs.add(contents.tracks)
