@@ -291,11 +291,23 @@ COMMENT ON FUNCTION merge_branch(text) IS
 'none. Raises ZC018, with their keys, if objects were changed on both sides, ZC008 for objects of an attached table, '
 'ZC020 for a scene that is no branch.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._period_ends(p_periods tstzmultirange) RETURNS timestamptz[]
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT array_agg(e.at ORDER BY p.nth, e.nth)
+    FROM unnest(p_periods) WITH ORDINALITY p (span, nth)
+    CROSS JOIN LATERAL (VALUES (1, lower(p.span)), (2, upper(p.span))) e (nth, at);
+END;
+COMMENT ON FUNCTION _period_ends(tstzmultirange) IS 'Starts and ends of periods in turn; null where unbounded.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._branch_conflicts(p_branch text) RETURNS TABLE (
-    change text, a_key text, b_key text, verdict text, verdict_before text
+    change text, a_key text, b_key text, verdict text, verdict_before text,
+    ends timestamptz[], ends_before timestamptz[]
 )
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
-    SELECT c.change, c.a_key, c.b_key, c.verdict, c.verdict_before FROM branch_conflicts(p_branch) c;
+    SELECT c.change, c.a_key, c.b_key, c.verdict, c.verdict_before, _period_ends(c.periods), _period_ends(c.periods_before)
+    FROM branch_conflicts(p_branch) c;
 END;
-COMMENT ON FUNCTION _branch_conflicts(text) IS 'As branch_conflicts, without periods.';
+COMMENT ON FUNCTION _branch_conflicts(text) IS
+'As branch_conflicts; periods are starts and ends in turn, null where unbounded.';

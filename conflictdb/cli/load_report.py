@@ -187,7 +187,10 @@ def _pair_table(
     whole: Sequence[str],
 ) -> str:
     """Return a table with further columns before its own, before these the scene if there are several, names last."""
-    columns = [*((one.name.upper(), one.text) for one in more), *columns]
+    first, last = (
+        [(one.name.upper(), one.text) for one in more if one.is_last == is_last] for is_last in (False, True)
+    )
+    columns = [*first, *columns, *last]
     if len({pair.scene for pair in pairs}) > 1:
         columns.insert(0, ("SCENE", lambda one: one.scene))
     rows = [[cell(pair) for _, cell in columns] for pair in pairs]
@@ -258,6 +261,13 @@ def _result(scene: "SceneStatus") -> str:
 def moment_text(moment: datetime | None, *, up: bool) -> str:
     """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
     return _PLAIN.moment(moment, up=up)
+
+
+def span_text(start: datetime | None, end: datetime | None) -> str:
+    """Return from when to when, in UTC, rounded outward to the second; the day once, if it is one."""
+    first, last = moment_text(start, up=False), moment_text(end, up=True)
+    day, _, time = last.partition(" ")
+    return f"{first} to {time if time and first.startswith(day) else last}"
 
 
 def run_text(scene: str, run: "Run") -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
+from conflictdb.cli.changing import changes, has_changes
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.load_report import (
     approach_table,
@@ -16,16 +17,16 @@ from conflictdb.cli.load_report import (
     remark_incomplete,
     remark_read,
     require_current,
+    span_text,
 )
 from conflictdb.cli.output import out
-from conflictdb.cli.parser import Parser, check
+from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table
-from conflictdb.cli.values import delay_s
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
-from conflictdb.model.results import Conflict, SceneState, Verdict
+from conflictdb.model.results import Conflict, SceneState, Verdict, interval_text
 
 if TYPE_CHECKING:
     import shapely
@@ -37,12 +38,15 @@ _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
 def probe(args: argparse.Namespace) -> int:
     """Print the conflicts that plans would have."""
-    given = [bool(args.files), args.footprint is not None, args.path is not None, args.late is not None]
-    is_known = bool(args.files) or args.late is not None
+    given = [bool(args.files), args.footprint is not None, args.path is not None, has_changes(args)]
+    is_known = bool(args.files) or has_changes(args)
     check(
         args,
         [
-            (sum(given) != 1, "give files, or --late KEY DURATION, or --footprint of an area, or --path of a track"),
+            (
+                sum(given) != 1,
+                "give files, or --late, --move or --swap, or --footprint of an area, or --path of a track",
+            ),
             (args.path is not None and args.times is None, "--path needs --times, one for each waypoint"),
             (args.path is None and args.times is not None, "--times is for --path"),
             (args.path is None and args.haven is not None, "--haven is for --path"),
@@ -53,7 +57,7 @@ def probe(args: argparse.Namespace) -> int:
             (is_known and (args.floor_m, args.ceiling_m) != (None, None), "--floor-m is for --footprint and --path"),
         ],
     )
-    delays = _delays(args)
+    changed = changes(args)
     plans = _plans(args)
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
@@ -61,7 +65,7 @@ def probe(args: argparse.Namespace) -> int:
             plans = [_in_place(args, one, db.scene(args.scene)) for one in plans]
         if args.files:
             plans += _of_files(args, db.scene(args.scene).settings())
-        plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
+        plans += changed(db.scene(args.scene))
         keys = {plan.key for plan in plans}
         known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []
         require_current(args, db.scene(args.scene).state())
@@ -96,11 +100,21 @@ def _print_changes(
     kinds |= {pair: "changed" for pair in after if pair in before and _differs(before[pair], after[pair])}
     rows = [after.get(pair) or before[pair] for pair in sorted(kinds)]
     change = MoreColumn("change", lambda one: kinds[one.a_key, one.b_key])
+
+    def was(one: Conflict) -> Conflict | None:
+        return before.get((one.a_key, one.b_key))
+
+    former = MoreColumn(
+        "was",
+        lambda one: interval_text(old.periods) if (old := was(one)) else "",
+        lambda one: span_text(old.first_contact, old.last_contact) if (old := was(one)) else "",
+        is_last=True,
+    )
     if form == "table" and not rows:
         remark_incomplete([state])
         out("no conflict would be gone, new or changed")
     else:
-        print_conflicts(rows, [state], form, [change, named])
+        print_conflicts(rows, [state], form, [change, named, former])
 
 
 def _differs(one: Conflict, other: Conflict) -> bool:
@@ -110,15 +124,6 @@ def _differs(one: Conflict, other: Conflict) -> bool:
     most = timedelta(seconds=one.time_error_s + other.time_error_s, microseconds=2)
     ends, others = ([end for period in each.periods for end in period] for each in (one, other))
     return any(x != y if x is None or y is None else abs(x - y) > most for x, y in zip(ends, others, strict=True))
-
-
-def _delays(args: argparse.Namespace) -> list[tuple[str, timedelta]]:
-    """Return keys and delays of --late; ends with a usage error for another duration."""
-    try:
-        return [(key, timedelta(seconds=delay_s(text))) for key, text in args.late or ()]
-    except argparse.ArgumentTypeError as error:
-        parser: Parser = args.parser
-        parser.error(f"argument --late: {error}")
 
 
 def _of_files(args: argparse.Namespace, scene: Scene) -> list[Area | Track]:
@@ -160,7 +165,7 @@ def _in_place(args: argparse.Namespace, plan: Area | Track, scene: "StoredScene"
     object_class, owner = args.object_class, args.owner
     if args.key is not None:
         with suppress(InvalidInput):  # no such object
-            stored = scene.delayed(args.key, timedelta())
+            stored = scene.plan(args.key)
             object_class = stored.object_class if object_class is None else object_class
             owner = stored.owner if owner is None else owner
     limit: Any = {} if isinstance(plan, Area) else {"max_speed_kn": math.inf}

@@ -88,6 +88,11 @@ def metres(text: str) -> float:
     return _in_unit(text, _UNITS_M, rule, least=0.0)
 
 
+def bearing_deg(text: str) -> float:
+    """Return a bearing in degrees clockwise from north, such as 270."""
+    return _number(text.strip().removesuffix("°"), "a bearing in degrees, from -360 to 360", least=-360.0, most=360.0)
+
+
 def haven(text: str) -> dict[str, float]:
     """Return how far a haven reaches, metres, of ``500,200,150,150``: fore, aft, port, starboard."""
     parts = text.split(",")

@@ -828,21 +828,22 @@ class StoredScene:
         """Return the names of objects, by key; objects without a name are left out."""
         return store.names(self.connection, self.name, keys)
 
+    def plan(self, key: str) -> "Area | Track":
+        """Return an object of the scene; raises InvalidInput if it does not exist."""
+        _, areas, tracks = self._read([key])
+        if areas or tracks:
+            return areas[0] if areas else tracks[0]
+        raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {self.name!r}")
+
     def delayed(self, key: str, delay: timedelta) -> "Area | Track":
         """Return an object of the scene, later by `delay` (negative: earlier), for `probe`; changes nothing.
 
         Raises InvalidInput if it does not exist.
         """
+        from conflictdb.core.moving_plans import delayed
         from conflictdb.model import inputs
-        from conflictdb.model.recurring_plans import later
 
-        _, areas, tracks = self._read([key])
-        delay_us = round(delay / inputs.MICROSECOND)
-        for track in tracks:
-            return later(track, delay_us)
-        for area in areas:
-            return later(area, delay_us)
-        raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {self.name!r}")
+        return delayed(self.plan(key), round(delay / inputs.MICROSECOND))
 
     def rename(self, name: str) -> None:
         """Rename the scene; conflicts and history stay. Raises InvalidInput if the name is taken."""

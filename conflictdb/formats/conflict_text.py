@@ -36,14 +36,18 @@ class MoreColumn:
 
     name : in files; in the header of a table in capitals
     value : of a pair: a text, or texts, which are a list in JSON
+    shown : the text in a table, if it differs
+    is_last : in a table, whether it stands after the columns of the view
     """
 
     name: str
     value: Callable[[Conflict], str | list[str]]
+    shown: Callable[[Conflict], str] | None = None
+    is_last: bool = False
 
     def text(self, one: Conflict) -> str:
         """Return its value as a table shows it."""
-        value = self.value(one)
+        value = self.value(one) if self.shown is None else self.shown(one)
         return value if isinstance(value, str) else ", ".join(value)
 
 

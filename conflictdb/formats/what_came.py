@@ -76,7 +76,12 @@ class WhatCame:
         )
         if np.isfinite(rows[:, 4:6]).any():
             since, until = np.nanmin(rows[:, 4:6]), np.nanmax(rows[:, 4:6])
-            parts.append(f"{_ends(_moment(since), _moment(until))} UTC")
+            if not np.isfinite(rows[:, 4]).any():
+                parts.append(f"until {_moment(until)} UTC")
+            elif not np.isfinite(rows[:, 5]).any():
+                parts.append(f"from {_moment(since)} UTC on")
+            else:
+                parts.append(f"{_ends(_moment(since), _moment(until))} UTC")
         elif self.scheduled < len(rows):
             parts.append("at all times")
         if self.scheduled:

@@ -1,11 +1,12 @@
 """Make, compare, merge and drop branches of scenes."""
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import psycopg
 
-from conflictdb.model.results import Kind
+from conflictdb.model.results import Kind, Period
 from conflictdb.store.connection import call, call_by_name, transaction
 
 
@@ -29,6 +30,7 @@ class ConflictChange:
     change : gone, new or changed
     verdict : in the branch; None if it is gone
     verdict_before : in the parent; None if it is new
+    periods, periods_before : in the branch, and in the parent; empty if there is none
     """
 
     change: str
@@ -36,6 +38,8 @@ class ConflictChange:
     b_key: str
     verdict: str | None
     verdict_before: str | None
+    periods: tuple[Period, ...] = ()
+    periods_before: tuple[Period, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +81,16 @@ def diff_branch(conn: psycopg.Connection[Any], branch: str) -> BranchDiff:
         conflicts = call_by_name(conn, "_branch_conflicts", branch)
     return BranchDiff(
         [ObjectChange(kind=Kind(row.pop("kind")), **row) for row in objects],
-        [ConflictChange(**row) for row in conflicts],
+        [
+            ConflictChange(periods=_periods(row.pop("ends")), periods_before=_periods(row.pop("ends_before")), **row)
+            for row in conflicts
+        ],
     )
+
+
+def _periods(ends: list[datetime | None] | None) -> tuple[Period, ...]:
+    ends = ends or []
+    return tuple(zip(ends[::2], ends[1::2], strict=True))
 
 
 def follow_parent(conn: psycopg.Connection[Any], scene_id: int) -> None:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from conflictdb.cli.changing import add_changes
 from conflictdb.cli.parser import (
     APPROACH_FORMATS,
     FORMATS,
@@ -70,6 +71,7 @@ def _add_plans(commands: Any) -> None:
     parser.add_argument(
         "--proposal", type=count, metavar="N", help="create: a branch with the moves of this proposal of `resolve`"
     )
+    add_changes(parser)
     add_format(parser, "table", "json")
 
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
@@ -161,10 +163,7 @@ def _add_questions(commands: Any) -> None:
     parser = command(commands, "probe", "probing:probe", "say what a plan would conflict with", more)
     parser.add_argument("files", nargs="*", metavar="FILE", help="files with plans, as for `load`")
     add_scene(parser)
-    late = ("KEY", "DURATION")
-    parser.add_argument(
-        "--late", nargs=2, action="append", type=name, metavar=late, help="later object (20m, -5m); repeatable"
-    )
+    add_changes(parser)
     parser.add_argument("--footprint", metavar="WKT", help="an area: POLYGON or MULTIPOLYGON, longitude latitude")
     parser.add_argument(
         "--from", dest="start", type=instant, metavar="TIME", help="start of the area (default: always active)"
