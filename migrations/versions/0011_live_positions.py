@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "14ece5987831697c4a1c3337a5ef44b8452b09716f68a775e878a3cbbbc8498c"
+routines_sha256 = "6ace824f93bd60d43c3a9e313ef10fe6d86ef09da326c83cc25ecfff521283cd"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

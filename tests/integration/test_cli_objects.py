@@ -101,6 +101,10 @@ def test_positions_report_what_they_leave_out(run: Run, tmp_path: Path) -> None:
         f"conflictdb: {path}: left out 1 row, no length_m and width_m: 2 (all)",
         f"conflictdb: {path}: left out 1 row, a single fix: no movement to follow: 3 (all)",
         f"conflictdb: {path}: file: 1 of 3 objects have no size and are left out, such as '2': --haven gives them one",
+        (
+            "conflictdb: ais: 1 track, 57°00'N, 004°00'E to 004°01'E, 2026-03-01 00:00 to 2026-03-01 00:10 UTC, 2 kn, "
+            "no heights"
+        ),
     ]
 
 
