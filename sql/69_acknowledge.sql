@@ -89,6 +89,28 @@ $$;
 COMMENT ON FUNCTION _end_acknowledgement(bigint) IS
 'Ends the acknowledgement of a conflict; returns whether there was one.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._acknowledge_alarm(
+    p_scene_id bigint, p_a_key text, p_b_key text, p_reason text, p_by text
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_alarm_id bigint;
+BEGIN
+    UPDATE live_conflict c
+        SET acknowledged_by = CASE WHEN p_reason IS NOT NULL THEN _acknowledger(current_user::text, p_by) END,
+            acknowledged_at = CASE WHEN p_reason IS NOT NULL THEN now() END, acknowledged_for = p_reason
+        WHERE c.scene_id = p_scene_id AND (c.key, c.other_key) IN ((p_a_key, p_b_key), (p_b_key, p_a_key))
+          AND NOT EXISTS (SELECT FROM conflict k
+                          WHERE k.scene_id = p_scene_id AND k.verdict <> 'near'
+                            AND (k.a_key, k.b_key) IN ((p_a_key, p_b_key), (p_b_key, p_a_key)))
+        RETURNING c.alarm_id INTO v_alarm_id;
+    RETURN v_alarm_id;
+END
+$$;
+COMMENT ON FUNCTION _acknowledge_alarm(bigint, text, text, text, text) IS
+'Acknowledges the alarm of two objects that do not conflict as planned, without a reason withdraws that; returns its '
+'number, null if there is none.';
+
 CREATE OR REPLACE FUNCTION acknowledge(
     p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamptz DEFAULT NULL, p_by text DEFAULT NULL
 ) RETURNS bigint
@@ -96,7 +118,8 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_longest CONSTANT integer := 10000;
     v_scene_id bigint := _scene_to_change(p_scene);
-    v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
+    v_conflict conflict;
+    v_alarm_id bigint;
     v_who text := format('conflict of %L and %L', p_a_key, p_b_key);
 BEGIN
     IF coalesce(btrim(p_reason), '') = '' OR octet_length(p_reason) > c_longest THEN
@@ -110,6 +133,14 @@ BEGIN
         FOUND := _raise('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
     END IF;
+    IF p_until IS NULL THEN
+        v_alarm_id := _acknowledge_alarm(v_scene_id, p_a_key, p_b_key, p_reason, p_by);
+        IF v_alarm_id IS NOT NULL THEN
+            PERFORM _notify_acknowledgement(p_scene, v_alarm_id, true);
+            RETURN v_alarm_id;
+        END IF;
+    END IF;
+    v_conflict := _known_conflict(p_scene, p_a_key, p_b_key);
     -- A unique index allows one open row per conflict, so concurrent calls end each other's rows in turn.
     LOOP
         PERFORM _end_acknowledgement(v_conflict.conflict_id);
@@ -127,15 +158,26 @@ COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz, text) IS
 'while the conflict lasts). p_by: a name shown with the user, where several people share one. The '
 'acknowledgement does not hold while the conflict exceeds what was known: times outside its periods, a worse verdict '
 '(grazing, unresolved, conflict), or closer. '
-'Replaces an earlier acknowledgement; returns conflict_id. Raises ZC011 if there is no conflict.';
+'Replaces an earlier acknowledgement; returns conflict_id. Without a conflict, acknowledges the alarm of both (view '
+'live_conflicts) until it gets worse, or ends, and returns alarm_id. Raises ZC011 if there is neither.';
 
 CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_conflict conflict := _known_conflict(p_scene, p_a_key, p_b_key);
-    v_was boolean;
+    v_scene_id bigint := _scene_to_change(p_scene);
+    v_conflict conflict;
+    v_was boolean := (SELECT c.acknowledged_at IS NOT NULL FROM live_conflict c
+                      WHERE c.scene_id = v_scene_id
+                        AND (c.key, c.other_key) IN ((p_a_key, p_b_key), (p_b_key, p_a_key)));
+    v_alarm_id bigint := _acknowledge_alarm(v_scene_id, p_a_key, p_b_key, NULL, NULL);
 BEGIN
-    PERFORM _scene_to_change(p_scene);
+    IF v_alarm_id IS NOT NULL THEN
+        IF v_was THEN
+            PERFORM _notify_acknowledgement(p_scene, v_alarm_id, false);
+        END IF;
+        RETURN v_was;
+    END IF;
+    v_conflict := _known_conflict(p_scene, p_a_key, p_b_key);
     v_was := _end_acknowledgement(v_conflict.conflict_id);
     IF v_was THEN
         PERFORM _notify_acknowledgement(p_scene, v_conflict.conflict_id, false);
@@ -144,7 +186,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION unacknowledge(text, text, text) IS
-'Withdraws the acknowledgement of a conflict; returns whether there was one. Raises ZC011 if there is no conflict.';
+'Withdraws the acknowledgement of a conflict, or of an alarm; returns whether there was one. Raises ZC011 if there is '
+'neither.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._acknowledger(p_user text, p_given_name text) RETURNS text
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

@@ -145,7 +145,14 @@ BEGIN
                  u (key, other_key, verdict, reason, first_us, last_us, lon, lat)
             ON CONFLICT (scene_id, key, other_key) DO UPDATE
                 SET verdict = excluded.verdict, reason = excluded.reason, first_contact = excluded.first_contact,
-                    last_contact = excluded.last_contact, place = excluded.place, as_of = excluded.as_of
+                    last_contact = excluded.last_contact, place = excluded.place, as_of = excluded.as_of,
+                    -- What was acknowledged as may is not as must.
+                    acknowledged_by = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
+                                           THEN c.acknowledged_by END,
+                    acknowledged_at = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
+                                           THEN c.acknowledged_at END,
+                    acknowledged_for = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
+                                           THEN c.acknowledged_for END
             RETURNING c.alarm_id, c.key, c.other_key, c.verdict LOOP
         IF v_one.alarm_id = 0 THEN
             v_one.alarm_id := nextval('conflict_seq');
@@ -163,7 +170,7 @@ COMMENT ON FUNCTION _put_alarms(bigint, bigint, text[], text[], text[], text[], 
 
 CREATE OR REPLACE VIEW live_conflicts WITH (security_invoker = true) AS
 SELECT s.name AS scene, c.alarm_id, c.key, nullif(c.other_key, '') AS other_key, c.verdict, c.reason, c.first_contact,
-       c.last_contact, c.place, c.opened_at, c.as_of
+       c.last_contact, c.place, c.opened_at, c.as_of, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for
 FROM scene s JOIN live_conflict c USING (scene_id);
 
 COMMENT ON VIEW live_conflicts IS
@@ -202,6 +209,9 @@ $$;
 COMMENT ON FUNCTION _live_conflicts(text) IS
 'The view live_conflicts of a scene, the first contact first; raises ZC010 for an unknown name.';
 
+COMMENT ON COLUMN live_conflicts.acknowledged_by IS 'Who acknowledged it; null: nobody, or it got worse since.';
+COMMENT ON COLUMN live_conflicts.acknowledged_at IS 'When it was acknowledged; null: it is not.';
+COMMENT ON COLUMN live_conflicts.acknowledged_for IS 'Why; null: it is not.';
 COMMENT ON TABLE live_conflict IS 'Alarms; the view live_conflicts shows them.';
 COMMENT ON COLUMN live_conflict.scene_id IS 'Scene.';
 COMMENT ON COLUMN live_conflict.key IS 'Key of a track.';

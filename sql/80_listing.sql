@@ -17,10 +17,12 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._counted_conflicts() RETURNS TABL
 )
 LANGUAGE sql STABLE
 BEGIN ATOMIC
-    SELECT c.scene, c.verdict, c.acknowledged_by IS NOT NULL, count(*) FROM conflicts c GROUP BY 1, 2, 3;
+    SELECT c.scene, c.verdict, c.acknowledged_by IS NOT NULL, count(*) FROM conflicts c GROUP BY 1, 2, 3
+    UNION ALL
+    SELECT c.scene, c.verdict, c.acknowledged_by IS NOT NULL, count(*) FROM live_conflicts c GROUP BY 1, 2, 3;
 END;
 COMMENT ON FUNCTION _counted_conflicts() IS
-'Numbers of conflicts of all scenes by verdict, and whether they are acknowledged.';
+'Numbers of conflicts, and of alarms (must, may, now), of all scenes by verdict, and whether they are acknowledged.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (

@@ -139,7 +139,8 @@ GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 REVOKE INSERT, UPDATE ON acknowledgement FROM conflictdb_editor;
 GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, given_name), UPDATE (ended_at)
     ON acknowledgement TO conflictdb_editor;
-GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
+GRANT UPDATE (acknowledged_by, acknowledged_at, acknowledged_for) ON live_conflict TO conflictdb_editor;
+GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _acknowledge_alarm, _end_acknowledgement, _notify_acknowledgement
     TO conflictdb_editor;
 
 -- Proposals, in their own name.

@@ -26,7 +26,7 @@ _STANDS_MPS: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class PlannedTimes:
     """What the state of a track depends on, beside its haven.
 
     first_us, last_us : when its first voyage begins and its last one ends
@@ -89,7 +89,7 @@ class Kept:
         """Whether its plan is over."""
         return self.state == PAST
 
-    def at(self, plan: Plan, latenesses: Spans, former: Self | None) -> Self:
+    def at(self, plan: PlannedTimes, latenesses: Spans, former: Self | None) -> Self:
         """Return the state at this position, whose haven holds it at some latenesses.
 
         former : at an earlier position; None: this is the first
@@ -116,7 +116,7 @@ class Kept:
         """Return this state of a track that is off by a distance."""
         return replace(self, off_m=off_m)
 
-    def unheard(self, plan: Plan, now_us: int) -> Self:
+    def unheard(self, plan: PlannedTimes, now_us: int) -> Self:
         """Return the state now, without another position: its lateness grows both ways."""
         if now_us < plan.first_us and self.state == WAITING:
             return self
@@ -128,12 +128,12 @@ class Kept:
         return replace(self, state=SILENT, late_us=_grown(self.seen_us, plan, now_us - self.at_us))
 
 
-def _grown(seen_us: tuple[int, int], plan: Plan, lasts_us: int) -> tuple[int, int]:
+def _grown(seen_us: tuple[int, int], plan: PlannedTimes, lasts_us: int) -> tuple[int, int]:
     """Return which latenesses are possible after a time without a position."""
     return seen_us[0] - int(plan.gains * lasts_us) - min(plan.stands_us, lasts_us), seen_us[1] + lasts_us
 
 
-def _chosen(latenesses: Spans, plan: Plan, at_us: int, former: Kept | None) -> tuple[int, int] | None:
+def _chosen(latenesses: Spans, plan: PlannedTimes, at_us: int, former: Kept | None) -> tuple[int, int] | None:
     """Return the interval of latenesses that follows on the former one; without one, that nearest to none."""
     if not len(latenesses):
         return None
@@ -150,6 +150,6 @@ def _chosen(latenesses: Spans, plan: Plan, at_us: int, former: Kept | None) -> t
     return int(low[k]), int(high[k])
 
 
-def disc_m(kept: Kept, plan: Plan, later_us: int) -> float:
+def disc_m(kept: Kept, plan: PlannedTimes, later_us: int) -> float:
     """Return the radius of the disc in which a track is, a time after its position."""
     return min(kept.error_m + plan.fastest_mps * later_us / 1e6, 0.5 * MEAN_RADIUS_M)

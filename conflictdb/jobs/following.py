@@ -11,13 +11,13 @@ import numpy as np
 import psycopg
 
 from conflictdb import store
-from conflictdb.core.keeping import OFF, Kept, Plan
+from conflictdb.core.keeping import OFF, Kept, PlannedTimes
 from conflictdb.errors import InvalidInput
 from conflictdb.jobs.plans_near import read_around
 from conflictdb.memory import questions
 from conflictdb.model.plans import MAX_GROWTH_MPS, Area, Scene, Track
 from conflictdb.model.recurring_plans import later
-from conflictdb.model.results import Conflict
+from conflictdb.model.results import Conflict, Kind
 
 # An alarm ends when its pair has this much slack again, not before: latenesses waver by seconds.
 _ENDS_AT_US: Final = 60_000_000
@@ -35,7 +35,7 @@ def follow(
     scene_id: int,
     settings: Scene,
     states: Mapping[str, Kept],
-    plan_of: Callable[[str], Plan | None],
+    plan_of: Callable[[str], PlannedTimes | None],
     now_us: int,
 ) -> None:
     """Store what follows from new states of tracks of a scene, in the open transaction of a look."""
@@ -115,13 +115,18 @@ def _later(plan: Area | Track, by_us: int) -> Area | Track:
 
 def _met(settings: Scene, plans: Sequence[Area | Track]) -> Conflict | None:
     """Return the conflict of two plans."""
+    return next(iter(_conflicts(settings, plans)), None)
+
+
+def _conflicts(settings: Scene, plans: Sequence[Area | Track]) -> list[Conflict]:
+    """Return the conflicts of plans."""
     areas = [one for one in plans if isinstance(one, Area)]
     tracks = [one for one in plans if isinstance(one, Track)]
     try:
         found = questions.solve(tracks, areas, settings)
     except InvalidInput:  # shifted out of the calendar
-        return None
-    return next((one for one in found if one.verdict != "near"), None)
+        return []
+    return [one for one in found if one.verdict != "near"]
 
 
 def _alarm(conflict: Conflict | None, verdict: str, reason: str | None, now_us: int) -> "store.Alarm | None":
@@ -143,7 +148,7 @@ def _us(moment: Any) -> int | None:
 
 
 def _around(
-    conn: psycopg.Connection[Any], settings: Scene, key: str, state: Kept, plan: Plan, now_us: int
+    conn: psycopg.Connection[Any], settings: Scene, key: str, state: Kept, plan: PlannedTimes, now_us: int
 ) -> dict[Pair, "store.Alarm"]:
     """Return what a track that is off may meet until it is silent: the plans near a disc that grows."""
     until_us = max(state.at_us, now_us) + round(1e6 * store.silent_after_s(conn))
@@ -152,16 +157,18 @@ def _around(
     areas, tracks = [a for a in areas if a.key != key], [t for t in tracks if t.key != key]
     found: dict[Pair, store.Alarm] = {}
     plans: list[Area | Track] = [*areas, *tracks]
-    for one in plans:
-        conflict = _met(near, [disc, _later(one, 0)])
-        alarm = None if conflict is None else _alarm(conflict, "may", _OFF, now_us)
+    for conflict in _conflicts(near, [disc, *(_later(one, 0) for one in plans)]):
+        if key not in (conflict.a_key, conflict.b_key):
+            continue
+        other = conflict.b_key if conflict.a_key == key else conflict.a_key
+        is_first = conflict.a_kind is Kind.TRACK and conflict.a_key == other
+        alarm = _alarm(conflict, "may", _OFF, now_us)
         if alarm is not None:
-            pair = (one.key, key) if isinstance(one, Track) and one.key.encode() < key.encode() else (key, one.key)
-            found[pair] = alarm._replace(verdict="may")
+            found[(other, key) if is_first else (key, other)] = alarm._replace(verdict="may")
     return found
 
 
-def _disc(key: str, state: Kept, plan: Plan, until_us: int) -> Track:
+def _disc(key: str, state: Kept, plan: PlannedTimes, until_us: int) -> Track:
     """Return the disc in which a track is from its position on, as a track that stands still and grows."""
     azimuth = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     radius_m = max(state.error_m, 1.0) / np.cos(np.pi / _CORNERS)

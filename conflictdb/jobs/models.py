@@ -367,6 +367,9 @@ class LiveConflictRow(Base):
     place: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
     opened_at: Mapped[datetime]
     as_of: Mapped[datetime]
+    acknowledged_by: Mapped[str | None]
+    acknowledged_at: Mapped[datetime | None]
+    acknowledged_for: Mapped[str | None]
 
 
 class EditRow(Base):

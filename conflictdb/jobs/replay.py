@@ -10,7 +10,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.formats.fixes import Fixes
 from conflictdb.jobs import detect
-from conflictdb.jobs.live import Looks
+from conflictdb.jobs.looks import Looks
 
 # Recorded time that passes between two looks, microseconds, and in a second.
 _STEP_US: Final = 10_000_000

@@ -22,7 +22,7 @@ from conflictdb import store
 from conflictdb.core.memory_budget import MEMORY_MB
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
 from conflictdb.jobs import detect, probes, schema
-from conflictdb.jobs.live import Looks
+from conflictdb.jobs.looks import Looks
 
 _log = logging.getLogger(__name__)
 

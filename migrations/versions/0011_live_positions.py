@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6ace824f93bd60d43c3a9e313ef10fe6d86ef09da326c83cc25ecfff521283cd"
+routines_sha256 = "03a7abd1ed5056e7b286cd280248922baef1da190f8d9f882dfd943df8cf93e5"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

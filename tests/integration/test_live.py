@@ -10,7 +10,7 @@ from commands import Run
 from psycopg import sql
 
 from conflictdb import InvalidInput, connect, store
-from conflictdb.jobs.live import Looks
+from conflictdb.jobs.looks import Looks
 from conflictdb.jobs.worker import Worker
 from conflictdb.store import LiveTrack
 

@@ -11,9 +11,9 @@ from commands import Run
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
 
-from conflictdb import Scene, Track, solve, store
+from conflictdb import Scene, Track, connect, solve, store
 from conflictdb.jobs import detect
-from conflictdb.jobs.live import Looks
+from conflictdb.jobs.looks import Looks
 from conflictdb.model.plans import rectangle_outline_m
 from conflictdb.model.recurring_plans import later
 
@@ -177,3 +177,22 @@ def test_a_look_that_ends_before_its_commit_is_done_again(conn: Conn, monkeypatc
     (first,) = look(conn, 28).values()
     (again,) = look(conn, 28).values()
     assert (first[-1], first[0]) == (again[-1], "must")
+
+
+def test_an_alarm_is_acknowledged_until_it_gets_worse(conn: Conn) -> None:
+    """By the same call as a conflict; metrics count it."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 28, 18 / 60 + 0.018, 0)  # 9 minutes late, at the edge of what meets
+    assert look(conn, 28)["FERRY", "TOW"][0] == "may"
+    with connect(conn) as db:
+        db.scene("s").acknowledge("TOW", "FERRY", "seen", by="Ann")
+    (who,) = conn.execute("SELECT acknowledged_by FROM conflictdb.live_conflicts").fetchone() or ()
+    assert who.startswith("Ann (")
+    assert store.counted_conflicts(conn) == {("s", "may", True): 1}
+    put(conn, "FERRY", 28.5, 18.5 / 60, 0)
+    assert look(conn, 28.5)["FERRY", "TOW"][0] == "must"
+    assert store.counted_conflicts(conn) == {("s", "must", False): 1}
+    with connect(conn) as db:
+        db.scene("s").acknowledge("FERRY", "TOW", "known")
+        assert db.scene("s").unacknowledge("FERRY", "TOW")
+        assert not db.scene("s").unacknowledge("FERRY", "TOW")

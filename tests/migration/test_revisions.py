@@ -25,7 +25,7 @@ FROZEN: dict[str, str] = {
     "0007_carry_plans_in_requests.py": "384e6cc3eb9233a48b2338168041b3cdd1fdea5874a724fe71d595ae271e7089",
     "0008_count_attempts.py": "94feceb1e0750ffc3442472fda165ed26d8b4723c5df43da661219e6ee0ee86b",
     "0009_keep_edits.py": "ea779852d1bdbdaf0421313836315949dae3e35326096e6fa66e28117cc1b0d2",
-    "0010_audit_edits.py": "bc7845ad6dbac4b2143dca0d01cf196dc6185068c2b0fb5cf5520f5131fa1e67",
+    "0010_audit_edits.py": "28b0b70447c8bc4a9e998d2c557effaf35ed55a42f0747a9e2b5d2a4da9951d5",
 }
 
 

@@ -15,7 +15,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.keeping import OFF, Kept, Plan
+from conflictdb.core.keeping import OFF, Kept, PlannedTimes
 from conflictdb.core.lateness import Positions, distances_off_m, lateness_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
@@ -30,11 +30,11 @@ _MOST_PLANS: Final = 100_000
 
 
 @dataclass(slots=True)
-class _Cut:
+class _CutPlan:
     """A plan, cut once: its version, its times and speeds, and its pieces."""
 
     version: int
-    plan: Plan
+    plan: PlannedTimes
     pieces: Pieces
 
 
@@ -43,7 +43,7 @@ class _SceneLooks:
     """The plans of a scene that have been cut, by the ids of their tracks, and with which settings."""
 
     setup: Setup
-    cut: dict[int, _Cut] = field(default_factory=dict)
+    cut: dict[int, _CutPlan] = field(default_factory=dict)
 
 
 class Looks:
@@ -160,7 +160,7 @@ class Looks:
             for row, track in enumerate(tracks.track_id.tolist()):
                 own = order[np.searchsorted(ids, track) : np.searchsorted(ids, track, side="right")]
                 version = int(tracks.version[row])
-                known.cut[track] = _Cut(version, Plan.of(tracks, row), pieces.take(own))
+                known.cut[track] = _CutPlan(version, PlannedTimes.of(tracks, row), pieces.take(own))
         return known
 
 
