@@ -152,7 +152,8 @@ def delays_over(
     stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) and not options.margin else 0
     if isinstance(scene, Scene | None):
         scene = options.margin.added_to(scene or Scene("in memory"))
-    asked = None if key is None else set(_several(key))
+    given = None if key is None else _several(key)
+    asked = None if given is None else {one for one in given if isinstance(one, str)}
     moved = [area for area in areas if asked is not None and area.key in asked]
     # Activations of a schedule move to the times of all others.
     beside = areas if has_schedules(moved) else moved
@@ -176,7 +177,8 @@ def delays_over(
     else:
         plans: list[Area | Track] = [*known, *active.values()]
         leeway = {plan.key: Leeway.of(plan, horizon_us, options.now_us) for plan in plans}
-        rows = numbers if asked is None else _known(scene, keys, np.array([*active, *numbers.tolist()]), asked)
+        every_number = np.array([*active, *numbers.tolist()], np.int64)
+        rows = numbers if given is None else _known(scene, keys, every_number, given)
         if options.clear_within_m is not None and asked is not None and (rows < len(active)).any():
             raise InvalidInput("delays", "clear_within_m", f"is of tracks: {moved[0].key!r} is an area")
         stops = FirstStops.of(TrackBatch.of(known))
