@@ -68,12 +68,21 @@ def missing_text(moving: int, found: "DeepestContact | None") -> str:
     """
     if found is None:
         return ""
+    words, by_m = missing(moving, found)
+    return words if by_m is None else f"{words} by {distance_text(by_m)}"
+
+
+def missing(moving: int, found: "DeepestContact") -> tuple[str, float | None]:
+    """Return how the separation is missing, in words, and by how many metres; None: by none to speak of.
+
+    moving : how many of the two are tracks
+    """
     within_m = found.depth_m - found.separation_m
     if max(found.depth_m, 0.0) < _TOUCHES_M:
-        return "just touching"
+        return "just touching", None
     if moving == 2 or within_m < _TOUCHES_M:
-        return f"too close by {distance_text(found.depth_m)}"
-    return f"{'inside' if moving else 'overlapping'} by {distance_text(within_m)}"
+        return "too close", found.depth_m
+    return "inside" if moving else "overlapping", within_m
 
 
 def distance_text(metres: float) -> str:

@@ -1,4 +1,4 @@
-"""Serve the requests of the page as an ASGI application. Only acknowledging and moving a plan write; all else reads."""
+"""Serve the page's requests as an ASGI application: it writes acknowledgements, moved plans and ends of branches."""
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
@@ -49,6 +49,8 @@ _FARTHEST_M: Final = 1_000_000
 _MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
 # Number, longitude (it may run on across the date line) and latitude of a moved waypoint.
 _MOST_WAYPOINT: Final = (2**31 - 1, 540, 90)
+# Longitudes and latitudes of a place of an area, and of where it goes.
+_MOST_SHIFT: Final = (540, 90, 540, 90)
 # Limit on numbers of requests: the range of a database parameter.
 _MOST_NUMBER: Final = 2**31 - 1
 # Versions begin with milliseconds (`live.SceneChanges`); the page reads them as numbers.
@@ -207,6 +209,16 @@ class Answers:
         with self.connections.one() as connection:
             return _json(content.pair(connection, self._name(request), asked))
 
+    def plan(self, request: Request) -> Response:
+        """Return an object as a feature of a scene file, and its digest, for moving it."""
+        with self.connections.one() as connection:
+            return _json(editing.described(connection, self._name(request), _parameter(request, "key") or ""))
+
+    def owners(self, request: Request) -> Response:
+        """Return who owns an object and those that it is in conflict with."""
+        with self.connections.one() as connection:
+            return _json(content.owners(connection, self._name(request), _parameter(request, "key") or ""))
+
     def tile(self, request: Request) -> Response:
         """Return a vector tile."""
         kind = request.path_params["kind"]
@@ -245,14 +257,22 @@ class Answers:
         return _json({})
 
     def probe(self, request: Request, asked: Mapping[str, Any]) -> Response:
-        """Return the conflicts that a track would have as the page moved it; stores nothing."""
+        """Return the conflicts that a plan would have as the page moved it; stores nothing."""
         with self.connections.one() as connection:
             return _json(editing.probed(connection, self._name(request), _move(asked)))
 
     def move(self, request: Request, asked: Mapping[str, Any]) -> Response:
-        """Store a track that the page moved, in the scene or in a new branch of it; return its digest."""
+        """Store a plan that the page moved, in the scene or in a new branch of it; return its digest."""
         with self._connect() as connection:
             return _json({"plan": editing.put(connection, self._name(request), _move(asked))})
+
+    def branch(self, request: Request, asked: Mapping[str, Any]) -> Response:
+        """Merge a branch into its parent, or drop it; return the name of the parent."""
+        does = _text(asked, "does")
+        if does not in editing.BRANCH_ENDS:
+            raise HTTPException(400, f"does: must be {' or '.join(editing.BRANCH_ENDS)}")
+        with self._connect() as connection:
+            return _json({"parent": editing.end_branch(connection, self._name(request), does)})
 
 
 def application(usual: str, connect: Connect, access: Access) -> Starlette:
@@ -301,10 +321,13 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/heights", answers.heights),
             Route("/api/pair", answers.pair),
             Route("/api/pieces", answers.pieces),
+            Route("/api/owners", answers.owners),
+            Route("/api/plan", answers.plan),
             Route("/api/events", events),
             Route("/api/acknowledge", writes(answers.acknowledge), methods=["POST"]),
             Route("/api/probe", writes(answers.probe), methods=["POST"]),
             Route("/api/move", writes(answers.move), methods=["POST"]),
+            Route("/api/branch", writes(answers.branch), methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
             Route("/places", places),
             Route("/land/{detail}", answers.land),
@@ -376,8 +399,8 @@ def _real(name: str, value: object, most: float) -> float:
 
 
 def _move(asked: Mapping[str, Any]) -> editing.PlanMove:
-    """Return the move of a track that a request describes."""
-    branch, place = asked.get("branch"), asked.get("waypoint")
+    """Return the move of a plan that a request describes."""
+    branch, place, shift = asked.get("branch"), asked.get("waypoint"), asked.get("shift_deg")
     if branch is not None and not isinstance(branch, str):
         raise HTTPException(400, "branch: must be a text, or null")
     later_us, up_m = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
@@ -387,7 +410,17 @@ def _move(asked: Mapping[str, Any]) -> editing.PlanMove:
             raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
         number, lon, lat = (_real("waypoint", one, most) for one, most in zip(place, _MOST_WAYPOINT, strict=True))
         waypoint = (abs(int(number)), lon, lat)
-    return editing.PlanMove(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
+    shift_deg = None
+    if shift is not None:
+        if not isinstance(shift, list) or len(shift) != len(_MOST_SHIFT):
+            raise HTTPException(400, "shift_deg: must be longitude and latitude of two places, or null")
+        lon, lat, to_lon, to_lat = (_real("shift_deg", one, most) for one, most in zip(shift, _MOST_SHIFT, strict=True))
+        shift_deg = (lon, lat, to_lon, to_lat)
+    starts_us, ends_us = (_real(name, asked.get(name, 0), _MOST_MOVED["later_us"]) for name in ("starts_us", "ends_us"))
+    return editing.PlanMove(
+        _text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch,
+        shift_deg, round(starts_us), round(ends_us),
+    )  # fmt: skip
 
 
 async def _failed(request: Request, error: Exception) -> Response:

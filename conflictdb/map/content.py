@@ -7,6 +7,7 @@ import base64
 import json
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from conflictdb import store
 from conflictdb.core.depths import DeepestContact
 from conflictdb.core.depths import depths as depths_of
-from conflictdb.core.ranking import MOST_DEPTHS, Facts, is_certain, missing_text, rank
+from conflictdb.core.ranking import MOST_DEPTHS, Facts, is_certain, missing, rank
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import lines_of
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Certainty, Conflict, Verdict
 from conflictdb.model.settings import SETTINGS, SettingType
 
@@ -141,11 +143,11 @@ def listed(packed: bytes) -> list[Listed]:
     return found
 
 
-def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float | None, float | None, str]]:
-    """Return the conflicts, the worst first (core/ranking.py): number, depth, when it is deepest, and words.
+def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float | None, str | None, float | None]]:
+    """Return the conflicts, the worst first (core/ranking.py): number, when it is deepest, words, and metres.
 
-    Depths are metres by which the required separation is undercut, instants Unix seconds. They are null, and the words
-    empty, if they are not known: of outdated conflicts, and of all if there are more than MOST_DEPTHS.
+    Instants are Unix seconds; words and metres say how much of the separation is missing. They are null if they are not
+    known: of outdated conflicts, and of all if there are more than MOST_DEPTHS.
     """
     known: dict[tuple[str, str], DeepestContact] = {}
     with store.snapshot(conn):
@@ -160,10 +162,10 @@ def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float |
     return [(one.number, *_deepest(one.facts, known.get((one.pair.a, one.pair.b)))) for one in found]
 
 
-def _deepest(facts: Facts, found: DeepestContact | None) -> tuple[float | None, float | None, str]:
+def _deepest(facts: Facts, found: DeepestContact | None) -> tuple[float | None, str | None, float | None]:
     if found is None:
-        return None, None, ""
-    return found.depth_m, None if found.at_us is None else found.at_us / 1e6, missing_text(facts.moving, found)
+        return None, None, None
+    return None if found.at_us is None else found.at_us / 1e6, *missing(facts.moving, found)
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
@@ -187,6 +189,20 @@ def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
         blobs += [one for one in geometries if one is not None]
     head = to_json({"rows": rows})
     return b"".join([_LENGTH.pack(len(head)), head, *blobs])
+
+
+def owners(conn: psycopg.Connection[Any], scene: str, key: str) -> dict[str, str]:
+    """Return the owners, by key, of an object and of all that it is in conflict with."""
+    with store.transaction(conn):
+        pairs = [one.pair for one in listed(conflicts(conn, scene))]
+        known = {key, *(other for pair in pairs if key in (pair.a, pair.b) for other in (pair.a, pair.b))}
+        return owned(*store.read_scene(conn, scene, sorted(known))[1:])
+
+
+def owned(areas: Sequence[Area], tracks: Sequence[Track]) -> dict[str, str]:
+    """Return the owners of plans, by key."""
+    plans: list[Area | Track] = [*areas, *tracks]
+    return {plan.key: plan.owner for plan in plans if plan.owner is not None}
 
 
 def table(conn: psycopg.Connection[Any], scene: str) -> str:

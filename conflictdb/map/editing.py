@@ -2,35 +2,40 @@
 
 import hashlib
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import psycopg
+import shapely
 
 from conflictdb import store
+from conflictdb.arrays import Floats
 from conflictdb.client import loading
 from conflictdb.core.conflicts_between import conflicts_between
 from conflictdb.core.members import Members
 from conflictdb.core.world import Reach, World
+from conflictdb.earth.geodesy import earth_of, rhumb_direct, rhumb_inverse
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.jobs import probes
 from conflictdb.jobs.detect import detect
 from conflictdb.jobs.plans_near import read_around
 from conflictdb.map.content import to_json
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
 
 
 @dataclass(frozen=True, slots=True)
 class PlanMove:
-    """A move of a track.
+    """A move of a plan.
 
-    plan : digest of the track that the page moved
-    later_us, up_m : how much later it departs, and how much higher it is
-    waypoint : number from 0, longitude and latitude of a waypoint, or None
+    plan : digest of the plan that the page moved
+    later_us, up_m : how much later a track departs, and how much higher it is
+    waypoint : number from 0, longitude and latitude of a waypoint of a track, or None
     branch : name of a new branch for it; None: in the scene
+    shift_deg : longitude and latitude of a place of an area, and where that place goes; None: nowhere
+    starts_us, ends_us : how much later an area becomes active, and ends
     """
 
     key: str
@@ -39,11 +44,58 @@ class PlanMove:
     up_m: float
     waypoint: tuple[int, float, float] | None
     branch: str | None
+    shift_deg: tuple[float, float, float, float] | None = None
+    starts_us: int = 0
+    ends_us: int = 0
 
 
-def digest(track: Track) -> str:
-    """Return a digest of all that a track is, for `PlanMove.plan`."""
-    return hashlib.sha256(to_json(feature_of(track))).hexdigest()
+def digest(plan: Area | Track) -> str:
+    """Return a digest of all that a plan is, for `PlanMove.plan`."""
+    return hashlib.sha256(to_json(feature_of(plan))).hexdigest()
+
+
+def described(conn: psycopg.Connection[Any], scene: str, key: str) -> dict[str, Any]:
+    """Return an object as a feature, and its digest for `PlanMove.plan`; InvalidInput if it is not known."""
+    plan = _known(conn, scene, key)
+    return {"feature": feature_of(plan), "plan": digest(plan)}
+
+
+def _moved(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, move: PlanMove) -> Area | Track:
+    """Return the plan of a scene as a page moved it; raises InvalidInput if that is no plan."""
+    of_area = bool(move.shift_deg or move.starts_us or move.ends_us)
+    of_track = bool(move.later_us or move.up_m or move.waypoint)
+    if isinstance(plan, Track):
+        if of_area:
+            raise InvalidInput(f"track {plan.key!r}", "move", "is one of an area: move its times or waypoints")
+        return moved(plan, move)
+    if of_track:
+        raise InvalidInput(f"area {plan.key!r}", "move", "is one of a track: move its place, or the ends of its times")
+    with store.transaction(conn):
+        earth = store.read_settings(conn, store.scene_or_branch_id(conn, scene)).earth
+    return moved_area(plan, move, earth)
+
+
+def moved_area(area: Area, move: PlanMove, earth: EarthModel) -> Area:
+    """Return an area elsewhere: each vertex as far, on the same bearing; active from and until other instants."""
+    if move.starts_us or move.ends_us:
+        if area.schedule is not None or area.spans_us is not None:
+            raise InvalidInput(f"area {area.key!r}", "times", "are several, or a schedule: change these instead")
+        start_us, end_us = (
+            None if at is None else at + by for at, by in ((area.start_us, move.starts_us), (area.end_us, move.ends_us))
+        )
+        area = replace(area, start_us=start_us, end_us=end_us)
+    if move.shift_deg is not None:
+        model = earth_of(earth)
+        distance_m, bearing_deg = rhumb_inverse(model, *move.shift_deg)
+
+        def shifted(places: Floats) -> Floats:
+            there = np.stack(rhumb_direct(model, places[:, 0], places[:, 1], bearing_deg, distance_m), axis=1)
+            if not np.isfinite(there).all():
+                raise InvalidInput(f"area {area.key!r}", "place", "reaches beyond a pole: move it less far")
+            return there
+
+        area = replace(area, footprint=shapely.transform(area.footprint, shifted))
+    return area
 
 
 def moved(track: Track, move: PlanMove) -> Track:
@@ -76,16 +128,16 @@ def _higher(track: Track, up_m: float) -> dict[str, Any]:
 
 
 def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tuple[Any, ...]]:
-    """Return the conflicts that a moved track would have: other key, verdict, error, and periods (Unix seconds).
+    """Return the conflicts that a moved plan would have: other key, verdict, error, and periods (Unix seconds).
 
     By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
     """
-    track = _seen(conn, scene, move)
-    if track.schedule is not None and move.later_us:
-        track = _expanded(conn, scene, track, move.later_us)
-    track = moved(track, move)
+    plan = _seen(conn, scene, move)
+    if isinstance(plan, Track) and plan.schedule is not None and move.later_us:
+        plan = _expanded(conn, scene, plan, move.later_us)
+    plan = _moved(conn, scene, plan, move)
     is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
-    found = _met(*read_around(conn, scene, track), track) if is_branch else probes.probe(conn, scene, [track])
+    found = _met(*read_around(conn, scene, plan), plan) if is_branch else probes.probe(conn, scene, [plan])
     return [
         (
             one.b_key if one.a_key == move.key else one.a_key,
@@ -106,41 +158,76 @@ def _expanded(conn: psycopg.Connection[Any], scene: str, track: Track, later_us:
     return later(world.expanded([], [track])[1][0], 0)
 
 
-def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:
-    """Return the conflicts of a track with objects, of which one may have its key."""
-    tracks = [one for one in tracks if one.key != track.key]
-    world = World.of(settings, areas, [*tracks, track])
-    others: list[Area | Track] = [*areas, *tracks]
+def _met(settings: Scene, areas: list[Area], tracks: list[Track], plan: Area | Track) -> list[Conflict]:
+    """Return the conflicts of a plan with objects, of which one may have its key."""
+    known: list[Area | Track] = [*areas, *tracks]
+    others = [one for one in known if one.key != plan.key]
     if not others:
         return []
-    return conflicts_between(world.setup, Members.of_plans(world, [track]), Members.of_plans(world, others))
+    every = [*others, plan]
+    world = World.of(
+        settings, [one for one in every if isinstance(one, Area)], [one for one in every if isinstance(one, Track)]
+    )
+    return conflicts_between(world.setup, Members.of_plans(world, [plan]), Members.of_plans(world, others))
 
 
-def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:
-    """Return the track that a page moved; InvalidInput if it is not known, or another one by now."""
-    _, _, tracks = store.read_scene(conn, scene, [move.key])
-    if not tracks:
-        raise InvalidInput(f"scene {scene!r}", "track", f"{move.key!r} is not known")
-    if digest(tracks[0]) != move.plan:
-        raise InvalidInput(f"track {move.key!r}", "plan", "was changed meanwhile: look at it again")
-    return tracks[0]
+def _known(conn: psycopg.Connection[Any], scene: str, key: str) -> Area | Track:
+    """Return an object of a scene; InvalidInput if it is not known."""
+    _, areas, tracks = store.read_scene(conn, scene, [key])
+    plans: list[Area | Track] = [*areas, *tracks]
+    if plans:
+        return plans[0]
+    raise InvalidInput(f"scene {scene!r}", "object", f"{key!r} is not known")
+
+
+def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Area | Track:
+    """Return the plan that a page moved; InvalidInput if it is not known, or another one by now."""
+    plan = _known(conn, scene, move.key)
+    if digest(plan) != move.plan:
+        kind = "area" if isinstance(plan, Area) else "track"
+        raise InvalidInput(f"{kind} {move.key!r}", "plan", "was changed meanwhile: look at it again")
+    return plan
+
+
+# What may be done with a branch.
+BRANCH_ENDS: Final = ("merge", "drop")
+
+
+def end_branch(conn: psycopg.Connection[Any], branch: str, does: str) -> str:
+    """Merge a branch into its parent, which is detected if the user may, or drop it; return the name of the parent.
+
+    Raises InvalidInput if it is no branch, or objects were changed on both sides, and NotPermitted.
+    """
+    parent = store.parent_name(conn, store.scene_or_branch_id(conn, branch))
+    if parent is None:
+        raise InvalidInput(f"scene {branch!r}", "branch", "is no branch")
+    if does == "drop":
+        store.drop_branch(conn, branch)
+    else:
+        store.merge_branch(conn, branch)
+        _detect(conn, parent)
+    return parent
+
+
+def _detect(conn: psycopg.Connection[Any], scene: str) -> None:
+    try:
+        store.require_detecting(conn)
+        detect(conn, scene, jobs=1)
+    except ConflictDBError:
+        pass  # a worker does, or the page says that changes wait
 
 
 def put(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> str:
-    """Store a moved track, and detect its conflicts if the user may; return its digest.
+    """Store a moved plan, and detect its conflicts if the user may; return its digest.
 
-    Raises InvalidInput if the track changed since, or is not known, and NotPermitted.
+    Raises InvalidInput if the plan changed since, or is not known, and NotPermitted.
     """
     with store.transaction(conn):
         target = scene
         if move.branch is not None:
             store.create_branch(conn, scene, move.branch, None)
             target = move.branch
-        loading.put(conn, target, [moved(_seen(conn, target, move), move)], None)
-        _, _, (stored,) = store.read_scene(conn, target, [move.key])
-    try:
-        store.require_detecting(conn)
-        detect(conn, target, jobs=1)
-    except ConflictDBError:
-        pass  # a worker does, or the page says that changes wait
+        loading.put(conn, target, [_moved(conn, target, _seen(conn, target, move), move)], None)
+        stored = _known(conn, target, move.key)
+    _detect(conn, target)
     return digest(stored)

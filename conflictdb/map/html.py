@@ -68,6 +68,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     known = {one.key for one in store.list_objects(conn, scene)}
     explained = [one.pair for one in listed[:MOST_EXPLAINED] if {one.pair.a, one.pair.b} <= known]
     pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in explained]
+    read = store.read_scene(conn, scene)
     now = datetime.now(UTC)
     left_out = "changes since, and acknowledging"
     if len(listed) > MOST_EXPLAINED:
@@ -90,7 +91,8 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         "table": content.table(conn, scene),
         "heights": content.heights(conn, scene),
         "pairs": pairs,
-        "pieces": base64.b64encode(what_if.packed(*store.read_scene(conn, scene))).decode(),
+        "pieces": base64.b64encode(what_if.packed(*read)).decode(),
+        "owners": content.owned(*read[1:]),
         "land": json.loads(land.geojson(land.COARSE, land.WORLD, near)),
         "near_land": near and json.loads(land.geojson(land.FINE, near)),
     }, left_out

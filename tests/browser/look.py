@@ -1,6 +1,8 @@
-"""Takes pictures of the page of `conflictdb map` in all its states, for a human reader: two sizes, both colours.
+"""Takes pictures of the page of `conflictdb map` in all its states, for a human reader: four sizes, both colours.
 
     ./run python tests/browser/look.py FOLDER [STATE…]
+
+Without states it takes those of SCENES, one of each scene, in light colours; `all` takes all.
 
 Needs Chromium, the developers' tools and the embedded database.
 """
@@ -25,27 +27,30 @@ from browsing import ARGUMENTS, chromium
 from large_scenes import drones, many
 from map_page import served_page
 
-SIZES: Final = ((1440, 900), (390, 844))
+SIZES: Final = ((1440, 900), (1024, 768), (820, 1180), (390, 844))
 SCHEMES: Final = ("light", "dark")
 START: Final = datetime(2026, 6, 1, tzinfo=UTC)
 BOX: Final = [(-800.0, -1500.0), (800.0, -1500.0), (800.0, 3000.0), (-800.0, 3000.0)]
 DRAWN_MS: Final = 1200
+_MOST_MS: Final = 180_000
 
 
 def main(folder: Path, states: list[str]) -> None:
-    """Write the pictures of some states, of all without any, as STATE-WIDTH-SCHEME.png."""
+    """Write the pictures of some states, of SCENES without any, as STATE-WIDTH-SCHEME.png."""
+    schemes = SCHEMES if states else SCHEMES[:1]
     folder.mkdir(parents=True, exist_ok=True)
     with conflictdb.connect() as db, sync_playwright() as playwright:
         prepare(db)
         browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
-        for state in states or STATES:
+        for state in list(STATES) if states == ["all"] else states or SCENES:
             scene, reach = STATES[state]
             for width, height in SIZES:
-                for scheme in SCHEMES:
+                for scheme in schemes:
                     with served(db, scene) as (address, stop):
                         viewport = {"width": width, "height": height}
                         page = browser.new_page(viewport=viewport, color_scheme=scheme, reduced_motion="reduce")
                         page.goto(address)
+                        page.set_default_timeout(_MOST_MS)
                         page.wait_for_selector("html[data-ready=true], #problem:not([hidden])", state="attached")
                         reach(page, stop)
                         page.wait_for_timeout(DRAWN_MS)
@@ -226,7 +231,8 @@ def _changed(page: Page, stop: Callable[[], None]) -> None:
 def _what_if(page: Page, stop: Callable[[], None]) -> None:
     page.get_by_role("button", name="FERRY and TOW").click()
     page.get_by_role("button", name="What if FERRY departs earlier or later").click()
-    page.get_by_role("slider", name="Departure").press("PageUp")
+    for _ in range(4):
+        page.get_by_role("slider", name="Departure").press("PageUp")
 
 
 STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]] = {
@@ -261,6 +267,9 @@ STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]]
     "gone": ("strait", _gone),
     "gone-and-asked": ("strait", _gone_and_asked),
 }
+SCENES: Final = (
+    "what-if", "heights-conflict", "many", "harbour", "date-line-conflict", "near-pole", "names", "year", "empty",
+)  # fmt: skip
 
 
 if __name__ == "__main__":

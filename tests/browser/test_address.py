@@ -1,5 +1,6 @@
 """The address of the page of `conflictdb map`: it says what is shown, and shows it again."""
 
+import re
 from urllib.parse import urlsplit
 
 import pytest
@@ -56,7 +57,7 @@ def test_back_reload_and_a_copied_link_show_it_again(open_strait: Open, open_pag
     page.get_by_role("slider", name="Departure").press("End")
     told = said.text_content()
     assert told is not None
-    assert told.startswith("3 h later")
+    assert told.startswith("Departs 10:15, 3 h later")
     page.get_by_role("button", name="Copy link").click()
     expect(page.locator("#link")).to_have_text("Copied")
     link = page.evaluate("navigator.clipboard.readText()")
@@ -64,6 +65,30 @@ def test_back_reload_and_a_copied_link_show_it_again(open_strait: Open, open_pag
     expect(other.locator(".what-if .said")).to_have_text(told)
     assert rows(other) == rows(page)
     assert round(time_of(other)) == round(time_of(page))
+
+
+def test_units_and_times_are_chosen_and_kept_in_the_address(open_strait: Open) -> None:
+    """Nautical miles, degrees and minutes, and UTC; or kilometres, decimals, and the zone of the browser."""
+    page = open_strait((1280, 900))
+    page.get_by_role("button", name="FERRY and TOW").click()
+    card = page.locator(".card")
+    expect(card).to_contain_text(
+        re.compile(r"09:48:51 UTC, first at 57°\d\d\.\d. N 008°\d\d\.\d. E, too close by 0.5 nmi")
+    )
+    page.get_by_text("More", exact=True).click()
+    page.get_by_label("Units").select_option("metric")
+    page.get_by_label("Times").select_option("America/New_York")
+    expect(card).to_contain_text(re.compile(r"05:48:51 UTC-4, first at 57\.\d{4}° N 8\.\d{4}° E, too close by \d+ m"))
+    expect(page.locator("#day")).to_have_text("UTC-4, 1 Jun 2026")
+    expect(page.locator(".maplibregl-ctrl-scale")).to_contain_text("m")
+    wait_until(page, "location.hash.includes('units=metric') && location.hash.includes('zone=America%2FNew_York')")
+    page.get_by_text("All conflicts").click()
+    page.get_by_text("Filter", exact=True).click()
+    page.get_by_label("From (UTC-4)").fill("2026-06-01 05:47")
+    assert page.evaluate("conflictdbPage.filter.from") == 1780307220
+    page.get_by_text("More", exact=True).click()
+    page.get_by_label("Times").select_option("UTC")
+    expect(page.get_by_label("From (UTC)")).to_have_value("2026-06-01 09:47:00")
 
 
 @pytest.mark.parametrize(
@@ -87,7 +112,7 @@ def test_an_address_that_is_not_understood_changes_nothing(open_strait: Open, ha
 def test_a_file_has_an_address_too(open_strait: Open) -> None:
     page = open_strait(of="file")
     page.get_by_role("button", name="FERRY and TOW").click()
-    expect(page.locator(".card")).to_contain_text("deep at 09:4")
+    expect(page.locator(".card")).to_contain_text("too close by 0.5 nmi at 09:4")
     expect(page.locator("svg.chart")).to_be_visible()
     wait_until(page, "location.hash.includes('b=TOW')")
     page.reload()

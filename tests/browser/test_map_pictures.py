@@ -200,6 +200,7 @@ def test_the_map_is_saved_as_a_picture(open_strait: Open, tmp_path: Path, scheme
     page.evaluate("globalThis.drawsMap = true")
     await_drawn(page)
     with page.expect_download() as saving:
+        page.get_by_text("More", exact=True).click()
         page.get_by_role("button", name="Save the map as PNG").click()
     page.evaluate("globalThis.drawsMap = false")
     assert saving.value.suggested_filename == "strait.png"
@@ -240,7 +241,7 @@ def test_signs_that_turn_a_key_round_are_shown_as_numbers(
     assert sorted(rows(page)[0].split(" and ")) == sorted([known, "SUB-1"])
     written = page.evaluate("conflictdbPage.havens.names.map(({text}) => text)")
     assert "A\\u2067B" in written  # its name
-    expect(page.locator(".row .facts")).to_contain_text("A\\u2067B")
+    expect(page.locator(".row .names")).to_contain_text("A\\u2067B")
     page.locator(".row").click()
     expect(page.locator("#detail")).to_contain_text(f": {known}")
     expect(page.locator("#detail")).to_contain_text("A\\u2067B")

@@ -73,7 +73,7 @@ def assert_scenes_are_shown(page: Page, dsn: str, gone: Page) -> None:
     assert len(rows(page)) == 4
     expect(page.get_by_label("Scene")).to_have_value("no ferry")
     page.get_by_role("button", name="CABLE and SUB-1").click()
-    expect(page.locator(".card")).to_contain_text("deep at")  # of pieces of the branch
+    expect(page.locator(".card")).to_contain_text("inside by 7.2 nmi at")  # of pieces of the branch
     page.go_back()
     assert_a_branch_is_compared_with_its_parent(page, dsn)
     # A change of the branch reaches its page, and not that of the parent.
@@ -82,9 +82,33 @@ def assert_scenes_are_shown(page: Page, dsn: str, gone: Page) -> None:
     page.go_back()
     opened(page, "strait")
     assert len(rows(page)) == 7
+    assert_branches_are_dropped_and_merged(page, dsn)
     page.get_by_label("Scene").select_option(HOSTILE)
     opened(page, HOSTILE)
     expect(page).to_have_title(f"{HOSTILE} · conflictdb")
+
+
+def assert_branches_are_dropped_and_merged(page: Page, dsn: str) -> None:
+    """Each by two clicks; then the page shows the parent."""
+    with conflictdb.connect(dsn) as db:
+        branch = db.scene("strait").branch("without cable")
+        branch.delete_objects("CABLE")
+        branch.detect()
+    expect(page.get_by_role("button", name="Drop")).to_be_hidden()
+    page.get_by_label("Scene").select_option("no ferry")
+    opened(page, "no ferry")
+    page.get_by_role("button", name="Drop", exact=True).click()
+    page.get_by_role("button", name="Drop: sure?").click()
+    opened(page, "strait")
+    page.get_by_label("Scene").focus()
+    page.get_by_label("Scene").select_option("without cable")
+    opened(page, "without cable")
+    page.get_by_role("button", name="Merge into strait", exact=True).click()
+    page.get_by_role("button", name="Merge into strait: sure?").click()
+    opened(page, "strait")
+    expect(page.locator("#count")).to_have_text("6 conflicts")
+    with conflictdb.connect(dsn) as db:
+        assert {one.branch_of for one in db.scenes()} == {None}
 
 
 def assert_a_branch_is_compared_with_its_parent(page: Page, dsn: str) -> None:

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,9 +51,12 @@ def ask(page: Page, conflict: str, key: str) -> None:
 
 
 def said(page: Page, text: str) -> None:
-    """Wait for the text; answers about earlier places of a waypoint, which may read the same, have come."""
-    wait_until(page, "!conflictdbPage.departure.isProbing")
-    expect(page.locator(".what-if .said")).to_have_text(text)
+    """Wait for the text; answers about earlier places of a waypoint, which may read the same, have come.
+
+    The text of a plan that departs at another time follows its clock time.
+    """
+    wait_until(page, "!conflictdbPage.departure.isProbing && !conflictdbPage.areaMove.isProbing")
+    expect(page.locator(".what-if .said")).to_have_text(re.compile(f"^(Departs [0-9:]+, )?{re.escape(text)}$"))
 
 
 def copied(page: Page, what: str) -> str:
@@ -75,6 +79,8 @@ def test_plans_are_moved_in_height_elsewhere_and_in_time(strait: str, conn: Conn
     leave(page)
     assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page, conn, dsn)
     leave(page)
+    assert_an_area_is_moved_and_ends_sooner(page, dsn)
+    leave(page)
     assert_a_moved_track_shows_what_goes_and_what_comes(page, conn, dsn)
 
 
@@ -95,16 +101,31 @@ def assert_a_moved_track_shows_what_goes_and_what_comes(page: Page, conn: Conn, 
     for _ in range(4):
         slider.press("PageUp")
     said(page, "10 min later: 1 fewer, none new; 2 in all.")
+    expect(page.locator(".what-if .said")).to_contain_text("Departs 07:25, ")
     expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
+    moved = page.locator("li", has_text="FIRING and FERRY").locator(".facts")
+    expect(moved).to_contain_text("08:21:17 \N{EN DASH} 09:17:24, was 08:11:17 \N{EN DASH} 09:07:24")
+    # Both keep the colours that they had as a pair, and the map shows where the ferry would be.
+    assert page.evaluate("conflictdbPage.havens.marks.pair") == ["FERRY", "TOW"]
+    ghost = "conflictdbPage.model.objects.get('FERRY').motion.haven(conflictdbPage.t - 600)"
+    wait_until(page, f"conflictdbPage.view.holds({ghost})")
     assert page.evaluate("conflictdbPage.havens.plan.laterUs") == 600_000_000
     range_.select_option("10800")
     said(page, "10 min later: 1 fewer, none new; 2 in all.")
     page.get_by_text("What forbids which departures").click()
     expect(page.locator(".what-if ol")).to_contain_text("DIVING, FIRING")
     # Departures that are clear are those of `delays` (docs/how-to/find-a-free-departure.md).
-    page.get_by_role("button", name="Clear 1 h 7 min 24 s earlier").click()
-    said(page, "1 h 7 min 24 s earlier: 3 fewer, none new; clear.")
-    assert page.evaluate("conflictdbPage.havens.plan.laterUs") == -4_044_000_000
+    # They are at whole minutes of the clock, outward, and say their margin; one may be asked for.
+    page.get_by_role("button", name="Clear 1 h 8 min earlier: departs 06:07").click()
+    expect(page.locator(".what-if .said")).to_have_text(
+        "Departs 06:07, 1 h 8 min earlier: 3 fewer, none new; clear by 36 s."
+    )
+    page.get_by_label("Margin").select_option("300")
+    page.get_by_role("button", name="Clear 1 h 13 min earlier: departs 06:02").click()
+    said(page, "1 h 13 min earlier: 3 fewer, none new; clear by 5 min 36 s.")
+    page.get_by_label("Margin").select_option("0")
+    page.get_by_role("button", name="Clear 1 h 8 min earlier: departs 06:07").click()
+    assert page.evaluate("conflictdbPage.havens.plan.laterUs") == -4_080_000_000
     page.locator(".what-if canvas").scroll_into_view_if_needed()
     box = page.locator(".what-if canvas").bounding_box()
     assert box is not None
@@ -215,6 +236,33 @@ def assert_a_waypoint_is_dragged_with_its_conflicts_at_once(page: Page, conn: Co
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
+def assert_an_area_is_moved_and_ends_sooner(page: Page, dsn: str) -> None:
+    """By its handle and by sliders; the page shows what a detection finds of the area that it stores."""
+    page.get_by_role("combobox", name="Object").fill("DIVING")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="What if it moves?").click()
+    said(page, "As planned: 3 conflicts.")
+    page.get_by_role("slider", name="Ends").fill("-3600")
+    said(page, "Until 1 Jun 2026 15:00:00 UTC: none fewer, none new; 3 in all.")
+    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
+    for _ in range(6):
+        page.get_by_role("button", name="Area").press("ArrowUp")
+    expect(page.locator(".what-if .said")).to_contain_text(" nmi 000°, until 1 Jun 2026 15:00:00 UTC: ")
+    wait_until(page, "!conflictdbPage.areaMove.isProbing")
+    shown = sorted(set(rows(page)) - set(page.locator("li.gone .keys").all_text_contents()))
+    assert len(shown) != 3
+    page.get_by_role("button", name="Apply").click()
+    expect(page.locator(".what-if")).to_contain_text("Applied: ")
+    said(page, f"As planned: {len(shown)} conflict{'' if len(shown) == 1 else 's'}." if shown else "As planned: clear.")
+    assert conflicts_of(dsn, "strait", "DIVING") == shown
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator(".what-if")).to_contain_text("Undone.")
+    said(page, "As planned: 3 conflicts.")
+    with conflictdb.connect(dsn) as db:
+        _, [area], _ = db.scene("strait")._read(["DIVING"])
+    assert area.end_us == T0_US + 16 * HOUR_US
+
+
 def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open, open_page: Open) -> None:
     """The server answers about a moved waypoint after the plan was copied. A new page asks it; later, none may."""
     page = open_page(open_strait().url.split("#")[0], size=(1280, 900), **COPIES)
@@ -303,7 +351,7 @@ def test_a_file_computes_it_without_a_server(demo_dsn: str, open_strait: Open) -
     ask(page, "FERRY and TOW", "TOW")
     said(page, "As planned: 1 conflict.")
     page.get_by_role("slider", name="Departure").press("End")
-    said(page, "1 h later: 1 fewer, none new; clear.")
+    expect(page.locator(".what-if .said")).to_contain_text("1 h later: 1 fewer, none new; clear by ")
     expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
     drag_second_waypoint(page, "FERRY", "DIVING and FERRY")
     said(page, "Waypoint 2 elsewhere: 2 fewer, none new; 1 in all.")
@@ -337,10 +385,10 @@ def test_a_track_that_follows_within_the_separation_in_time_is_shown(
     ask(page, "A and B", "A")
     said(page, "As planned: 1 conflict.")
     page.get_by_role("slider", name="Departure").press("End")
-    said(page, "1 h later: 1 fewer, none new; clear.")
+    expect(page.locator(".what-if .said")).to_contain_text("1 h later: 1 fewer, none new; clear by ")
     page.get_by_role("combobox", name="Range").select_option("10800")
     page.get_by_role("slider", name="Departure").press("End")
-    said(page, "3 h later: 1 fewer, none new; clear.")
+    expect(page.locator(".what-if .said")).to_contain_text("3 h later: 1 fewer, none new; clear by ")
     page.get_by_role("slider", name="Departure").press("PageDown")
     page.get_by_role("slider", name="Departure").press("PageDown")
     page.get_by_role("slider", name="Departure").press("PageDown")

@@ -3,10 +3,14 @@
 import json
 from typing import Any
 
+import numpy as np
 import psycopg
+import shapely
 from map_page import Client, served_page
 
 import conflictdb
+from conflictdb.earth.geodesy import earth_of, rhumb_inverse
+from conflictdb.model.plans import EarthModel
 
 HOSTILE = "<img src=x onerror=alert(1)>\u202e"
 SHAPE = "SELECT ST_AsText(path), floor_m, ceiling_m FROM conflictdb.track ORDER BY track_id"
@@ -62,6 +66,58 @@ def test_a_moved_waypoint_and_a_branch_with_any_name(strait: Client, dsn: str) -
     assert moved.positions_deg[1].tolist() == [9.4, 57.7]
     assert same.positions_deg[1].tolist() == [9.4, 57.79]
     assert moved.times_us.tolist() == same.times_us.tolist()
+
+
+def test_a_moved_area_is_as_far_on_one_bearing_and_ends_at_another_time(strait: Client, dsn: str) -> None:
+    """In a branch; moves of tracks, places beyond a pole, an end before the start and odd numbers are refused."""
+    asked = {"key": "DIVING", "plan": strait.read("/api/plan?key=DIVING")["plan"], "branch": "moved"}
+    for wrong in (
+        {"later_us": 1_000_000},
+        {"waypoint": [0, 1, 1]},
+        {"shift_deg": [9.0, 57.0, 9.0]},
+        {"shift_deg": [9.0, 57.0, None, 57.0]},
+        {"shift_deg": [9.0, 0.0, 9.0, 89.9]},
+        {"ends_us": -8 * 3_600_000_000},
+        {"ends_us": 1e12},
+        {"starts_us": True},
+    ):
+        assert post(strait, {**asked, **wrong})[0] == 400, wrong
+    assert post(strait, {**asked, "key": "FERRY", "plan": plan_of(strait, "FERRY"), "ends_us": 1_000_000})[0] == 400
+    status, _ = post(strait, {**asked, "shift_deg": [9.0, 57.0, 9.1, 57.2], "ends_us": -3_600_000_000})
+    assert status == 200
+    with conflictdb.connect(dsn) as db:
+        (_, (now,), _), (_, (before,), _) = (db.scene(name)._read(["DIVING"]) for name in ("moved", "strait"))
+    places = [shapely.get_coordinates(one.footprint) for one in (before, now)]
+    length_m, bearing_deg = rhumb_inverse(earth_of(EarthModel.WGS84), *places[0].T, *places[1].T)
+    assert np.ptp(length_m) < 1e-3
+    assert np.ptp(bearing_deg) < 1e-6
+    assert 22_000.0 < length_m[0] < 24_000.0
+    assert before.end_us is not None
+    assert (now.start_us, now.end_us) == (before.start_us, before.end_us - 3_600_000_000)
+
+
+def test_a_branch_ends_by_who_may(strait: Client, dsn: str) -> None:
+    """Merged or dropped; a scene that is no branch is refused, and other words."""
+    with conflictdb.connect(dsn) as db:
+        for name in ("one", "two"):
+            db.scene("strait").branch(name).delete_objects("TOW")
+
+    def end(branch: str, does: object) -> tuple[int, Any]:
+        secret = strait.read("/api/scene")["secret"]
+        good = {"X_Conflictdb_Secret": secret, "Content_Type": "application/json", "Origin": f"http://{strait.host}"}
+        status, body, _ = strait.ask("POST", f"/api/branch?scene={branch}", {"does": does}, **good)
+        return status, json.loads(body)
+
+    for branch, does in (("strait", "drop"), ("one", "rename"), ("one", None)):
+        assert end(branch, does)[0] == 400
+    assert end("nothing", "drop")[0] in (400, 410)
+    assert strait.ask("POST", "/api/branch?scene=one", {"does": "drop"}, Content_Type="application/json")[0] == 403
+    assert end("one", "drop") == (200, {"parent": "strait"})
+    assert end("two", "merge") == (200, {"parent": "strait"})
+    with conflictdb.connect(dsn) as db:
+        assert [one.scene.name for one in db.scenes()] == ["strait"]
+        assert db.scene("strait").state().is_current
+        assert "TOW" not in {one.key for one in db.scene("strait").objects()}
 
 
 def test_who_only_reads_moves_nothing(dsn: str, conn: psycopg.Connection[Any]) -> None:

@@ -58,6 +58,8 @@ READS += [
     "/api/scene?scene=strait",
     "/api/known?at=2026-06-01T09:00:00Z",
     "/api/pieces?key=FERRY&within_s=3600",
+    "/api/plan?key=CABLE",
+    "/api/owners?key=FERRY",
     "/page/kernel.wasm",
     "/tiles/areas/0/0/0",
     "/land/50m",
@@ -85,11 +87,11 @@ def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
         assert row["periods"] == [(start.timestamp(), end.timestamp()) for start, end in conflict.periods]
         assert row["place"] == conflict.first_contact_deg
         assert (row["is_current"], row["error_s"]) == (True, conflict.time_error_s)
-    # The worst first: number, depth, when, and words.
+    # The worst first: number, when, words, and metres.
     ranked = strait.read("/api/depths")
     keys = {row["id"]: (row["a"], row["b"]) for row in rows}
     assert [keys[one[0]] for one in ranked[:2]] == [("FERRY", "TOW"), ("CABLE", "SUB-1")]
-    assert [one[3] for one in ranked[:2]] == ["too close by 0.5 nmi", "inside by 7.2 nmi"]
+    assert [(one[2], round(one[3] / 1852, 1)) for one in ranked[:2]] == [("too close", 0.5), ("inside", 7.2)]
     assert {keys[one[0]] for one in ranked} == set(keys.values())
     known_boxes = {number: [float(n) for n in re.findall(r"[-\d.e]+", box[6:])] for number, box in boxes}
     for row in rows:

@@ -1,23 +1,27 @@
 // What the page shows, in its address after the #, so that Back, reload and a copied link show it again.
 
+import { display, isZone } from "./display.js";
 import { instantOf } from "./format.js";
 import { LAYERS } from "./heights.js";
 import { VERDICTS } from "./model.js";
 
 const REST_MS = 400; // after the last change it is written: browsers limit how often
 
+// Fields have instants in the zone that is shown, addresses in UTC.
+const inUtc = (text) => { const t = instantOf(text); return t === null ? null : utc(t); };
+const utc = (t) => new Date(Math.round(t) * 1000).toISOString().slice(0, 19).replace("T", " ");
 const finite = (text) => (text !== null && text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : null);
 
 // Texts of what is shown: absent where it is as at first.
 export function addressOf({ scene, t, view, chosen, selected, filter, departure, side, rows, table }) {
   const given = {
-    scene, t: Number.isFinite(t) ? new Date(Math.round(t) * 1000).toISOString().slice(0, 19).replace("T", " ") : null,
+    scene, t: Number.isFinite(t) ? utc(t) : null,
     view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
     verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
-    from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
+    from: inUtc(filter.from), to: inUtc(filter.to), floor: filter.floor || null, ceiling: filter.ceiling || null,
     now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key, higher: departure?.upM ? String(departure.upM) : null,
     layers: filter.layers.length < LAYERS.length ? filter.layers.join(",") : null, side, rows: rows === "object" ? rows : null, table: table ? "1" : null, selected: chosen ? null : selected,
-    later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
+    later: departure?.laterUs ? String(departure.laterUs / 1e6) : null, units: display.isNautical ? null : "metric", zone: display.zone === "UTC" ? null : display.zone,
   };
   const known = Object.entries(given).filter(([, value]) => value !== null && value !== undefined);
   return `#${new URLSearchParams(known)}`;
@@ -35,9 +39,9 @@ export function askedBy(hash) {
   const view = text("view").split(",").map(finite);
   const isPlace = view.length === 3 && !view.includes(null) && Math.abs(view[1]) <= 90;
   const number = (name) => (finite(text(name)) === null ? "" : text(name));
-  const instant = (name) => (instantOf(text(name)) === null ? "" : text(name));
+  const instant = (name) => { const t = instantOf(text(name), true); return t === null ? "" : t; };
   return {
-    scene: asked.get("scene"), t: instantOf(text("t")), view: isPlace ? view : null,
+    scene: asked.get("scene"), display: { isNautical: text("units") !== "metric", zone: isZone(text("zone") || "UTC") ? text("zone") || "UTC" : "UTC" }, t: instantOf(text("t"), true), view: isPlace ? view : null,
     pair: asked.has("a") && asked.has("b") ? [text("a"), text("b")] : null,
     side: ["time", "track"].includes(text("side")) ? text("side") : null, selected: asked.get("selected"), table: text("table") === "1", rows: text("rows") === "object" ? "object" : "conflict",
     filter: {

@@ -3,14 +3,17 @@
 
 import { Address, addressOfScene, askedBy } from "./address.js";
 import { LARGE } from "./begun.js";
+import { AreaMove } from "./area_move.js";
+import { Brief } from "./brief.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
+import { choose as chooseDisplay, display, here, onChange as onDisplay } from "./display.js";
 import { EmbeddedSource } from "./embedded.js";
 import { FilterChips } from "./filter_chips.js";
 import { Finder } from "./find.js";
 import { Focus } from "./focus.js";
-import { about, clock, counted, day, grouped, instantOf, printable } from "./format.js";
+import { about, clock, counted, day, grouped, instantOf, printable, written, zone } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { LAYERS } from "./heights.js";
@@ -36,9 +39,6 @@ import { Table } from "./table.js";
 import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
 
-// An instant as fields have it.
-const written = (t) => new Date(t * 1000).toISOString().slice(0, 19).replace("T", " ");
-
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const DEPTHS_MS = 1500; // for so long a map that is open waits for depths before it is shown without
@@ -52,6 +52,9 @@ const OBJECT_ZOOM = 11; // the most, of an object that was found
 // Places all around a box.
 const corners = ([west, south, east, north]) => [0, 0.25, 0.5, 0.75, 1].flatMap((share) => (
   [south, north].map((lat) => [west + share * (east - west), lat])));
+
+// A name as a shell takes it.
+const quoted = (text) => (/^[\w.-]+$/.test(text) ? text : `'${printable(text).replace(/'/g, "'\\''")}'`);
 
 function tell(text, isLost = false) {
   const place = byId("state");
@@ -81,7 +84,7 @@ class Page {
       object: (object) => this.chooseObject(object), place: ({ lon, lat, zoom }) => this.goToPlace([lon, lat], zoom),
     });
     this.card = new ObjectCard(byId("object"), {
-      whatIf: (track) => this.askWhatIf(track), close: () => this.deselect(), goTo: (object, t) => this.goToObject(object, t),
+      whatIf: (track) => this.askWhatIf(track), brief: (object) => this.showBrief(object), close: () => this.deselect(), goTo: (object, t) => this.goToObject(object, t),
     });
     this.table = new Table(byId("table"), () => this.source.table(), {
       choose: (conflict) => { this.table.show(false); this.choose(conflict); },
@@ -92,13 +95,19 @@ class Page {
       },
     });
     this.detail = new Detail(byId("detail"), {
-      whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
+      whatIf: (track) => this.askWhatIf(track), brief: (object) => this.showBrief(object), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
+    this.brief = new Brief(byId("brief"), this.source, () => this.print());
     this.kernel = kernelOf(this.source);
     this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
       rights: () => this.state.model.scene, move: (what) => this.source.move(what), probe: (what) => this.source.probe(what),
       waypoints: (track, waypoint) => this.showWaypoints(track, waypoint), openScene: (name) => this.goToScene(name),
+    });
+    this.areaMove = new AreaMove(byId("what-if"), {
+      change: (plan) => this.replan(plan), close: () => this.planClosed(), rights: () => this.state.model.scene, move: (what) => this.source.move(what),
+      probe: (what) => this.source.probe(what), plan: (key) => this.source.plan(key), openScene: (name) => this.goToScene(name),
+      handle: (place) => this.view.showHandles(place && [{ name: "Area", lon: place[0], lat: place[1] }], (_, lon, lat) => this.areaMove.movePlace(lon, lat)),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
@@ -114,10 +123,10 @@ class Page {
     await this.readAll();
     const { source, state } = this;
     const { model } = state;
-    const depths = this.readDepths();
+    const ranked = this.readRanked();
     const box = model.box();
     const opened = await MapView.open("map", source, box, state.version, this.hasOverview(model.scene));
-    await Promise.race([depths, new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
+    await Promise.race([ranked, new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
     this.view = opened; // what follows runs at once: nobody sees a page without its other parts
     this.graticule = new Graticule(byId("graticule"), this.view);
     this.placeNames = new PlaceNames(byId("place-names"), this.view, () => source.places());
@@ -130,8 +139,10 @@ class Page {
     this.listen();
     byId("legend").open = innerWidth > NARROW_PX;
     state.moveToWorst();
+    const begun = state.t;
     this.applyFilter();
     this.moveTo(state.t);
+    if (!model.isRanked) ranked.then(() => this.beginAgain(begun)); // the list has another first one
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
     if (source.isLive) {
       this.scenes.read(model.scene.scene);
@@ -141,12 +152,13 @@ class Page {
       });
     }
     // For the console of a browser, and tests.
-    const { view, havens, polar, graticule, timeline, side, placeNames, departure } = this;
+    const { view, havens, polar, graticule, timeline, side, placeNames, departure, areaMove } = this;
     globalThis.conflictdbPage = {
-      view, havens, polar, graticule, timeline, side, placeNames, departure, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      view, havens, polar, graticule, timeline, side, placeNames, departure, areaMove, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
       moveTo: (t) => this.moveTo(t), flags: () => state.flags(), passes: (track) => this.passes(track), nearest: (key) => this.nearest(key),
     };
     await view.loaded;
+    byId("coming").hidden = true;
     if (missing !== null) history.replaceState(null, "", location.pathname + location.search);
     await this.address.begin();
     if (missing !== null) tell(`The scene ${missing} was deleted, renamed or unshared: this is another one.`, true);
@@ -230,11 +242,19 @@ class Page {
     this.state.takeConflicts(scene, await this.source.conflicts());
   }
 
-  // How deep conflicts are: the server computes it, and the list waits for nothing.
-  async readDepths() {
+  // Begins at the worst conflict, if nobody has moved the time, or looks at something, since it began.
+  beginAgain(begun) {
+    const { state } = this;
+    if (state.t !== begun || state.chosen || this.departure.isOpen || !state.model.isRanked) return;
+    state.moveToWorst();
+    this.moveTo(state.t);
+  }
+
+  // Which conflicts are the worst: the server computes it, and the list waits for nothing.
+  async readRanked() {
     if (this.state.model.conflicts.length === 0) return;
     try {
-      this.state.takeDepths(await this.source.depths());
+      this.state.takeRanked(await this.source.depths());
     } catch {
       return; // the list is by time
     }
@@ -257,11 +277,16 @@ class Page {
     view.reveal(true);
     view.renew(state.version, what === "objects" ? undefined : ["conflicts"]);
     this.describe();
-    this.readDepths();
+    this.readRanked();
     if (state.chosen) {
       state.chooseAgain();
       if (state.chosen) this.showDetail();
       else this.unchoose();
+    }
+    if (this.areaMove.isOpen) {
+      const area = state.model.objects.get(this.areaMove.key);
+      if (area?.kind === "area") await this.areaMove.readAgain(area, this.othersOf(area.key));
+      else this.areaMove.close();
     }
     if (this.departure.isOpen) {
       const track = state.model.objects.get(this.departure.key);
@@ -284,7 +309,7 @@ class Page {
     state.forget(why);
     this.player.pause();
     if (state.chosen) this.unchoose();
-    this.departure.close();
+    this.closeWhatIf();
     byId("detail").replaceChildren();
     this.select(null);
     this.table.show(false);
@@ -336,6 +361,7 @@ class Page {
     byId("stale").hidden = stale === 0;
     byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
       + "detect again to know what holds now.";
+    this.scenes?.showBranch(scene.branch_of, scene.may_edit);
     this.describeChanges();
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
   }
@@ -351,7 +377,7 @@ class Page {
   showChanges(isShown) {
     const { state } = this;
     if (state.chosen) this.unchoose();
-    if (isShown) this.departure.close();
+    if (isShown) this.closeWhatIf();
     state.showsChanges = isShown;
     this.describeChanges();
     this.applyFilter();
@@ -366,7 +392,7 @@ class Page {
     const { left } = state;
     this.list.take(worstFirst(left), model, this.whyEmpty());
     const isWithin = Number.isFinite(filter.from) || Number.isFinite(filter.to);
-    this.timeline.take(left, model.span, isWithin ? [Math.max(filter.from, model.span[0]), Math.min(filter.to, model.span[1])] : null);
+    this.timeline.take(left, model.span, isWithin ? [Math.max(filter.from, model.span[0]), Math.min(filter.to, model.span[1])] : null, model.objects);
     this.side.take(state.side());
     this.chips.take(filter);
     this.table.take(left.filter(({ id }) => id > 0), state.version, model.scene.scene);
@@ -433,7 +459,9 @@ class Page {
     const { scene, areas, tracks, conflicts, refused } = this.state.model;
     if (refused !== null) return `The scene is no longer shown: ${refused}.`;
     if (conflicts.length) return "The filter leaves no conflict.";
-    if (areas.length + tracks.length === 0) return "The scene has no objects yet. They show here as soon as it has some.";
+    if (areas.length + tracks.length === 0) {
+      return `The scene has no plans yet. Load some: conflictdb load FILE --scene ${quoted(scene.scene)} (GeoJSON, CSV, RTZ, GPX, KML and others). They show here at once.`;
+    }
     return scene.is_current ? "No two objects are in conflict." : `No conflict is known yet (${scene.remark}).`;
   }
 
@@ -473,14 +501,15 @@ class Page {
     const { t, chosen } = state;
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
-    byId("day").textContent = `UTC, ${day(t)}`;
+    byId("day").textContent = `${zone(t)}, ${day(t)}`;
     this.timeline.mark(t, chosen?.id ?? null);
     this.side.mark(t);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);
     havens.t = polar.t = t;
     havens.marks.inConflict = polar.inConflict = state.inConflict();
-    havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
+    havens.marks.pair = state.pair();
+    havens.marks.isChosen = chosen !== null;
     havens.draw();
     polar.draw();
   }
@@ -557,7 +586,7 @@ class Page {
       return;
     }
     const count = model.conflicts.filter(({ a, b }) => a === selected || b === selected).length;
-    this.card.show(object, count, { isCurrent: model.scene.is_current, asksWhatIf: this.departure.key !== selected },
+    this.card.show(object, count, { isCurrent: model.scene.is_current, asksWhatIf: this.departure.key !== selected && this.areaMove.key !== selected, maySendAway: this.source.isLive },
       () => this.nearest(selected));
   }
 
@@ -565,7 +594,7 @@ class Page {
   chooseObject(object) {
     this.address.flush();
     if (this.state.chosen) this.unchoose(false);
-    if (this.departure.isOpen) this.departure.close();
+    this.closeWhatIf();
     this.select(object.key);
     byId("words").value = printable(object.key);
     this.readFilter();
@@ -576,7 +605,7 @@ class Page {
   deselect() {
     this.address.flush();
     const { selected } = this.state;
-    if (this.departure.isOpen) this.departure.close();
+    this.closeWhatIf();
     if (selected !== null && byId("words").value === printable(selected)) byId("words").value = "";
     this.select(null);
     this.readFilter();
@@ -628,16 +657,43 @@ class Page {
 
   // --- a track that departs at another time --------------------------------------------------------------------------
 
-  askWhatIf(track) {
+  askWhatIf(object) {
+    if (object.kind === "area") return this.askAreaMove(object);
+    const track = object;
+    const { state } = this;
+    this.areaMove.close();
     this.address.flush();
-    if (this.state.chosen) this.unchoose(false);
-    const { model } = this.state;
+    const pair = state.pair();
+    if (state.chosen) this.unchoose(false);
+    state.hues = pair.includes(track.key) ? pair : [track.key]; // both keep their colours
     this.select(track.key);
     byId("words").value = printable(track.key);
     this.readFilter();
-    const opened = this.departure.open(track, model.scene.scene);
+    const opened = this.departure.open(track, state.model.scene.scene, state.hueOf(track.key));
+    this.showCard();
     this.address.step();
     return opened;
+  }
+
+  // What if an area moved.
+  askAreaMove(area) {
+    const { state } = this;
+    this.address.flush();
+    this.departure.close();
+    if (state.chosen) this.unchoose(false);
+    state.hues = [area.key];
+    this.select(area.key);
+    byId("words").value = printable(area.key);
+    this.readFilter();
+    this.address.step();
+    const opened = this.areaMove.open(area, state.model.scene.scene, this.othersOf(area.key));
+    this.showCard();
+    return opened;
+  }
+
+  // The keys of those that an object is in conflict with.
+  othersOf(key) {
+    return this.state.model.conflicts.filter(({ a, b }) => a === key || b === key).map(({ a, b }) => (a === key ? b : a));
   }
 
   // Shows the conflicts and the haven of a moved plan; null: as planned.
@@ -648,6 +704,23 @@ class Page {
     this.describeChanges();
     this.applyFilter(plan !== null);
     this.showInstant();
+    if (plan) this.showGhost();
+  }
+
+  // Shows where a moved plan is, and was, once it rests; a waypoint that is dragged is in view.
+  showGhost() {
+    clearTimeout(this.ghosting);
+    this.ghosting = setTimeout(() => {
+      const { plan, model, t } = this.state;
+      const track = plan && model.objects.get(plan.key);
+      if (track?.kind !== "track" || plan.waypoint) return;
+      const ringAt = (at) => track.motion.haven(Math.min(Math.max(at, track.start), track.end - 1e-3)) ?? [];
+      const ghost = ringAt(t - plan.laterUs / 1e6);
+      if (!ghost.length || this.view.holds(ghost)) return;
+      const places = [...ghost, ...ringAt(t)];
+      const [lons, lats] = [0, 1].map((n) => places.map((place) => place[n]));
+      this.goToBox([Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)], OBJECT_ZOOM);
+    }, REST_MS);
   }
 
   // Waypoints that can be dragged, of which one may be elsewhere; null: none.
@@ -655,10 +728,16 @@ class Page {
     const isAble = track !== null && track.motion.points.length <= MOST_WAYPOINTS;
     const handles = isAble ? track.motion.points.map(({ lon, lat }, n) => (
       { name: `Waypoint ${n + 1}`, ...(waypoint?.[0] === n ? { lon: waypoint[1], lat: waypoint[2] } : { lon, lat }) })) : null;
-    this.view.showHandles(handles, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
+    this.view.showHandles(handles, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat), this.departure.hue);
+  }
+
+  closeWhatIf() {
+    this.departure.close();
+    this.areaMove.close();
   }
 
   planClosed() {
+    this.state.hues = null;
     this.state.model.spareSpan(null);
     this.replan(null);
     this.moveTo(this.state.t);
@@ -733,7 +812,7 @@ class Page {
     };
   }
 
-  async show({ scene, t, view, pair, filter, departure, side, selected, rows, table }) {
+  async show({ display: wanted, scene, t, view, pair, filter, departure, side, selected, rows, table }) {
     const { state } = this;
     if (scene !== null && scene !== state.model.scene.scene) {
       if (this.source.isLive) {
@@ -743,8 +822,10 @@ class Page {
       tell(`The link is to the scene ${scene}: this page shows another one.`, true);
       return;
     }
+    chooseDisplay(wanted);
     byId("words").value = filter.object;
-    for (const name of ["from", "to", "floor", "ceiling"]) byId(name).value = filter[name];
+    for (const name of ["floor", "ceiling"]) byId(name).value = filter[name];
+    for (const name of ["from", "to"]) byId(name).value = filter[name] === "" ? "" : written(filter[name]);
     for (const name of ["now", "open"]) byId(name).checked = filter[name];
     for (const box of document.querySelectorAll("input[name=verdict]")) box.checked = filter.verdicts.includes(box.value);
     byId("grouping").value = rows;
@@ -758,7 +839,7 @@ class Page {
       byId("words").value = filter.object;
       this.readFilter();
     } else {
-      this.departure.close();
+      this.closeWhatIf();
     }
     const conflict = pair && state.model.conflicts.find(({ a, b }) => a === pair[0] && b === pair[1]);
     if (conflict) this.choose(conflict);
@@ -781,10 +862,67 @@ class Page {
     setTimeout(() => { byId("link").textContent = "Copy link"; }, 2000);
   }
 
+  // --- units and times -----------------------------------------------------------------------------------------------
+
+  // Offers the zones: UTC, that of the browser, and the one that is shown.
+  offerDisplay() {
+    const zones = [...new Set(["UTC", here(), display.zone])];
+    byId("units").value = display.isNautical ? "nautical" : "metric";
+    byId("zone").replaceChildren(...zones.map((one) => new Option(one, one, one === display.zone, one === display.zone)));
+    for (const one of document.querySelectorAll(".zone")) one.textContent = zone(this.state.t);
+  }
+
+  chooseDisplay(wanted) {
+    const instants = ["from", "to"].map((id) => instantOf(byId(id).value));
+    this.address.flush();
+    chooseDisplay({ ...display, ...wanted });
+    ["from", "to"].forEach((id, n) => { if (instants[n] !== null) byId(id).value = written(instants[n]); });
+    this.address.step();
+  }
+
+  // Writes all anew in other units, or another zone.
+  displayChanged() {
+    const { state } = this;
+    this.offerDisplay();
+    this.view.showUnits();
+    this.graticule.redraw();
+    this.describe();
+    this.scenes?.relabel();
+    if (state.chosen) this.showDetail();
+    this.showCard();
+    this.chips.shown = "";
+    this.applyFilter();
+    this.timeline.draw();
+    this.side.draw();
+    this.brief.draw();
+    if (this.departure.isOpen) this.departure.rewrite();
+    if (this.areaMove.isOpen && this.areaMove.feature) this.areaMove.show();
+    this.moveTo(state.t);
+  }
+
+  // --- paper ---------------------------------------------------------------------------------------------------------
+
+  showBrief(object) {
+    this.brief.show(object, this.state.model);
+  }
+
+  // Prints what is shown, once it is drawn for paper.
+  async print() {
+    this.player.pause();
+    theme.forPaper(true);
+    try {
+      await Promise.all([this.view.idle(), this.detail.settled, this.brief.settled]);
+      this.havens.draw();
+      window.print();
+    } finally {
+      theme.forPaper(false);
+    }
+  }
+
   async savePicture() {
     const { state: { t, model }, view } = this;
     const above = ["graticule", "place-names", "overview", "havens", "polar"].map(byId);
-    await savePicture(view.map, above, [printable(model.scene.scene), byId("headline").textContent, `${day(t)} ${clock(t)} UTC`]);
+    await savePicture(view.map, above, [printable(model.scene.scene), byId("headline").textContent, `${day(t)} ${clock(t)} ${zone(t)}`]);
   }
 
   // --- what people do ------------------------------------------------------------------------------------------------
@@ -839,6 +977,12 @@ class Page {
     byId("side-view").addEventListener("click", () => this.side.show(this.side.mode === null ? "time" : null));
     byId("picture").addEventListener("click", () => this.savePicture());
     byId("link").addEventListener("click", () => this.copyLink());
+    byId("print").addEventListener("click", () => this.print());
+    byId("units").addEventListener("change", () => this.chooseDisplay({ isNautical: byId("units").value === "nautical" }));
+    byId("zone").addEventListener("change", () => this.chooseDisplay({ zone: byId("zone").value }));
+    onDisplay(() => this.displayChanged());
+    this.offerDisplay();
+    document.addEventListener("click", ({ target }) => { if (!target.closest("#menu")) byId("menu").open = false; });
     byId("filter").addEventListener("change", checkInstants);
     byId("filter").addEventListener("reset", () => setTimeout(() => {
       checkInstants();
@@ -862,10 +1006,14 @@ class Page {
     byId("pole").addEventListener("click", () => this.showPole(!polar.isShown, this.poleOfScene()));
     byId("polar-closer").addEventListener("click", () => polar.zoom(2));
     byId("polar-wider").addEventListener("click", () => polar.zoom(0.5));
-    // Canvases are printed as they are on the screen: Chromium does not scale what is drawn on them from here on, except WebGL,
-    // whose picture is gone by now.
+    // In the colours of paper. Then canvases are printed as they are: Chromium does not scale what is drawn on them from here on, except
+    // WebGL, whose picture is gone by now.
     for (const [event, isPrinted] of [["beforeprint", true], ["afterprint", false]]) {
       window.addEventListener(event, () => {
+        havens.isStill = polar.isStill = false;
+        theme.forPaper(isPrinted);
+        havens.draw();
+        polar.draw();
         list.print(isPrinted);
         havens.isStill = polar.isStill = isPrinted;
         view.map.redraw();
@@ -883,7 +1031,7 @@ class Page {
     const does = isMap ? null : {
       "[": () => this.filterTime(state.t, null), "]": () => this.filterTime(null, state.t), h: () => byId("side-view").click(), j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
       "/": () => { if (state.chosen) this.unchoose(); byId("words").focus(); },
-      Escape: () => (this.table.isShown ? this.table.show(false) : state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
+      Escape: () => (byId("menu").open ? (byId("menu").open = false) : this.brief.isShown ? this.brief.hide() : this.table.isShown ? this.table.show(false) : state.chosen ? this.unchoose() : this.departure.isOpen || this.areaMove.isOpen ? this.closeWhatIf() : event.target.blur()),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),
       " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => this.player.toggle(),
     }[event.key];
@@ -901,10 +1049,11 @@ function checkInstants() {
     field.setAttribute("aria-invalid", isWrong);
     return isWrong;
   });
-  byId("instants").textContent = wrong.length ? "A time is written as 2026-06-01 09:30, in UTC." : "";
+  byId("instants").textContent = wrong.length ? `A time is written as 2026-06-01 09:30, in ${display.zone}.` : "";
 }
 
 new Page().start().catch((error) => {
+  byId("coming").hidden = true;
   byId("problem").hidden = false;
   byId("problem").textContent = `The scene cannot be shown: ${error.message}`;
 });

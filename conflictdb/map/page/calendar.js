@@ -1,5 +1,6 @@
-// Ticks of a time axis at steps of the calendar, in UTC: seconds to hours, days, weeks, months and years.
+// Ticks of a time axis at steps of the calendar, in the zone that is chosen: seconds to hours, days, weeks, months and years.
 
+import { offsetAt } from "./display.js";
 import { clock, day } from "./format.js";
 
 const [MINUTE, HOUR, DAY] = [60, 3600, 86400];
@@ -19,6 +20,9 @@ const utc = (year, month) => {
   return date.getTime() / 1000;
 };
 
+// The instant at which clocks of the zone show what those of UTC do at another one.
+const instantAt = (there) => there - offsetAt(there - offsetAt(there));
+
 // Ticks between two instants, at most about so many: [{ t, text }].
 export function ticks([from, to], most) {
   const wanted = (to - from) / Math.max(1, most);
@@ -29,23 +33,27 @@ export function ticks([from, to], most) {
 function even(from, to, step) {
   const first = step === 7 * DAY ? MONDAY : 0;
   const found = [];
-  for (let t = first + Math.ceil((from - first) / step) * step; t <= to; t += step) {
-    const isDay = step >= DAY || (t % DAY === 0 && found.length > 0);
+  const ahead = offsetAt(from);
+  for (let there = first + Math.ceil((from + ahead - first) / step) * step; ; there += step) {
+    const t = instantAt(there);
+    if (t > to) return found;
+    if (t < from || t === found[found.length - 1]?.t) continue;
+    const isDay = step >= DAY || (there % DAY === 0 && found.length > 0);
     found.push({ t, text: isDay ? day(t).split(" ").slice(0, 2).join(" ") : clock(t, step < MINUTE) });
   }
-  return found;
 }
 
 function months(from, to, { unit, n }) {
-  const start = new Date(from * 1000);
+  const start = new Date((from + offsetAt(from)) * 1000);
   const found = [];
   let [year, month] = [start.getUTCFullYear(), start.getUTCMonth()];
   if (unit === "year") [year, month] = [Math.floor(year / n) * n, 0];
   else month -= month % n;
   for (;;) {
-    const t = utc(year, month);
+    const there = utc(year, month);
+    const t = instantAt(there);
     if (!(t <= to)) return found;
-    const date = new Date(t * 1000);
+    const date = new Date(there * 1000);
     const isYear = unit === "year" || date.getUTCMonth() === 0;
     const name = NAMES[date.getUTCMonth()];
     if (t >= from) found.push({ t, text: isYear ? `${date.getUTCFullYear()}` : found.length ? name : `${name} ${date.getUTCFullYear()}` });

@@ -1,34 +1,33 @@
 // One sentence on a conflict: what, when, how long, how sure, where, how deep and when most, and at which heights.
 
-import { bound, clock, depth as depthText, duration, heights, metres, period, place } from "./format.js";
+import { bound, clock, distance as far, duration, heights, metres, period, place, zone } from "./format.js";
+import { missingText } from "./missing.js";
 
 const VERBS = { conflict: "overlap", grazing: "touch, or nearly", unresolved: "may overlap" };
 const NEAR_VERBS = { conflict: "are", grazing: "are just about", unresolved: "may be" };
 
 function what({ verdict }, { separation_m: separation, time_separation_s: apart }) {
   if (apart > 0) return `${verdict === "conflict" ? "use" : "may use"} one place within ${duration(apart)}`;
-  return separation > 0 ? `${NEAR_VERBS[verdict]} within ${metres(separation)} of each other` : VERBS[verdict];
+  return separation > 0 ? `${NEAR_VERBS[verdict]} within ${far(separation)} of each other` : VERBS[verdict];
 }
 
-function when({ periods, start, end, error_s: error }) {
+function when({ periods, start, end }) {
   const lasts = periods.reduce((sum, [a, b]) => sum + b - a, 0);
   const count = periods.length > 1 ? ` in ${periods.length} periods` : "";
   const long = Number.isFinite(lasts) ? ` for ${duration(lasts)}${count}` : count;
-  return `${long}, ${period(start, end, null)} UTC (each end within ${bound(error, "s")})`;
+  return `${long}, ${period(start, end, null)} ${zone(start)}`;
 }
 
 // By the chart, or else as the list knows it, of the pair's own separation.
 function deep(conflict, distance, { separation_m: separation }) {
-  if (!distance) {
-    if (conflict.depth === null) return "";
-    const when = conflict.deepest === null ? "" : ` at ${clock(conflict.deepest)}`;
-    return `, up to about ${depthText(conflict.depth, separation)}${when}`;
-  }
+  const { missing, deepest } = conflict;
+  const most = missing === null ? "" : `, ${missingText(conflict)}${deepest === null ? "" : ` at ${clock(deepest)}`}`;
+  if (!distance) return most;
   const { least: [t, m, error], isOfParts } = distance;
   const at = `at ${clock(t)}${Number.isFinite(error) ? ` (within ${bound(error, "m")})` : ""}`;
   if (m >= 0 && separation === 0) return "";
-  if (m >= 0) return `, nearest ${metres(m)} ${at}`;
-  return `, ${isOfParts ? "at least" : "up to"} ${metres(-m)} deep ${at}`;
+  if (m >= 0) return `, nearest ${far(m)} ${at}${missing === null ? "" : `, ${missingText(conflict)}`}`;
+  return most || `, overlapping by ${isOfParts ? "at least " : ""}${far(-m)} ${at}`;
 }
 
 function high(conflict, model) {

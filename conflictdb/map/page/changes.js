@@ -31,7 +31,7 @@ export function changesOf(before, now) {
   for (const [pair, conflict] of known) {
     const same = old.get(pair);
     if (!same) conflicts.push({ ...conflict, since: "new" });
-    else if (differ(same, conflict)) conflicts.push({ ...conflict, since: "moved" });
+    else if (differ(same, conflict)) conflicts.push({ ...conflict, since: "moved", was: { start: same.start, end: same.end } });
   }
   for (const [pair, conflict] of old) if (!known.has(pair)) conflicts.push({ ...conflict, since: "gone", change: "gone" });
   const label = before.label ? `${before.label}: ` : "";

@@ -2,7 +2,7 @@
 // what sliders change.
 
 import { element } from "./dom.js";
-import { counted, duration, metres, printable } from "./format.js";
+import { counted, duration, metres, moment, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
 import { unpackPieces } from "./near.js";
@@ -23,7 +23,7 @@ export function laterBy(us) {
 }
 
 // A conflict as a probe returns it.
-const probed = ([other, verdict, error, periods]) => (
+export const probed = ([other, verdict, error, periods]) => (
   { other, verdict, error_s: error, periods: periods.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]) });
 
 // ", 20 m higher".
@@ -31,13 +31,20 @@ const higherBy = (m) => (m === 0 ? "" : `, ${metres(Math.abs(m))} ${m > 0 ? "hig
 
 const MOST_UP_M = 20_000;
 const SECOND = 1e6;
+const MARGINS = [0, 60, 300, 600, 1800]; // seconds to choose from
 const seconds = (us) => Math.round(us / SECOND) * SECOND;
+const isIn = (spans, us) => spans.some(([low, high]) => low <= us && high >= us);
 
-// The nearest clear departure from one on, 1: later, -1: earlier; at a whole second, if that one is clear.
-function clearFrom(spans, us, way) {
-  const whole = way > 0 ? Math.ceil(us / SECOND) * SECOND : Math.floor(us / SECOND) * SECOND;
-  return spans.some(([low, high]) => low <= whole && high >= whole) ? us : whole;
+// The nearest clear departure from one on, 1: later, -1: earlier; at a whole minute of the clock (`plannedUs`: of the planned one), or else a
+// whole second, if that one is clear.
+function clearFrom(spans, us, way, plannedUs) {
+  const outward = way > 0 ? Math.ceil : Math.floor;
+  const whole = [60 * SECOND, SECOND].map((step) => outward((plannedUs + us) / step) * step - plannedUs);
+  return [...whole, us].find((one) => !isIn(spans, one)) ?? us;
 }
+
+// By how much a departure misses forbidden ones, microseconds.
+const marginAt = (spans, us) => Math.min(Infinity, ...spans.map(([low, high]) => Math.max(low - us, us - high)));
 
 // What forbids departures from one end of the range to the other, in order: [{ from, to, keys }], microseconds.
 export function stretchesOf(forbidden) {
@@ -62,6 +69,7 @@ export class Departure {
     this.kernel = kernel; // loads it
     this.key = null;
     this.rangeS = FIRST_S;
+    this.marginS = 0; // that proposed departures keep
     this.isWidened = false; // rather than chosen so
     this.mayWiden = false;
     this.laterUs = 0;
@@ -75,9 +83,10 @@ export class Departure {
   }
 
   // Asks about a track of a scene.
-  async open(track, scene) {
+  async open(track, scene, hue = "a") {
     const { container } = this;
     this.scene = scene;
+    this.hue = hue; // of the track: "a" or "b"
     this.key = track.key;
     this.track = track;
     this.laterUs = this.upM = 0;
@@ -88,6 +97,8 @@ export class Departure {
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
     this.range = element("select", { "aria-label": "Range", change: () => this.widen(Number(this.range.value)) },
       ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
+    this.margin = element("select", { "aria-label": "Margin", change: () => { this.marginS = Number(this.margin.value); this.rewrite(); } },
+      ...MARGINS.map((s) => new Option(s === 0 ? "no margin" : `margin ${s / 60} min`, s, s === this.marginS, s === this.marginS)));
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
     this.stored = element("p", { role: "status" });
@@ -113,9 +124,9 @@ export class Departure {
       this.copied, this.text);
     container.replaceChildren(
       element("header", {},
-        element("h2", { tabindex: "-1" }, "What if ", element("bdi", { class: "key-a" }, printable(track.key)), " departs"),
-        this.range, element("button", { type: "button", class: "plain", "aria-label": "Close", click: () => this.close() }, "✕")),
-      this.summary, this.more);
+        element("h2", { tabindex: "-1" }, "What if ", element("bdi", { class: `key-${hue}` }, printable(track.key)), " departs"),
+        element("button", { type: "button", class: "plain", "aria-label": "Close", click: () => this.close() }, "✕")),
+      element("div", { class: "choices" }, this.range, this.margin), this.summary, this.more);
     container.hidden = false;
     container.querySelector("h2").focus({ preventScroll: true });
     await this.read();
@@ -198,17 +209,53 @@ export class Departure {
     this.shownUpM = this.upM;
     const forbidden = whatIf.forbidden(1e6 * this.rangeS, this.upM);
     const all = union([...forbidden.values()].flat());
-    const now = all.find(([low, high]) => low <= 0 && high >= 0);
+    this.forbidden = all;
+    const kept = union(all.map(([low, high]) => [low - SECOND * this.marginS, high + SECOND * this.marginS]));
+    const now = kept.find(([low, high]) => low <= 0 && high >= 0);
     const within = (us) => (Math.abs(us) <= 1e6 * this.rangeS ? us : null);
-    this.clear = { earlier: now ? within(clearFrom(all, now[0] - 1, -1)) : null, later: now ? within(clearFrom(all, now[1] + 1, 1)) : null };
+    const planned = Math.round(1e6 * this.track.start);
+    this.clear = { earlier: now ? within(clearFrom(kept, now[0] - 1, -1, planned)) : null, later: now ? within(clearFrom(kept, now[1] + 1, 1, planned)) : null };
     for (const [name, us] of Object.entries(this.clear)) {
       this.buttons[name].disabled = us === null;
-      this.buttons[name].textContent = us !== null ? laterBy(us) : now ? `none ${name}` : "–";
-      if (us !== null) this.buttons[name].setAttribute("aria-label", `Clear ${laterBy(us)}`);
+      this.buttons[name].textContent = us !== null ? this.departsAt(us, laterBy(us)) : now ? `none ${name}` : "–";
+      if (us !== null) this.buttons[name].setAttribute("aria-label", `Clear ${laterBy(us)}: ${this.departsAt(us)}`);
       else this.buttons[name].removeAttribute("aria-label");
     }
     this.strip.take(forbidden, 1e6 * this.rangeS);
     this.list(stretchesOf(forbidden));
+  }
+
+  // Whether one departure is meant, so that it has a clock time.
+  get isOne() {
+    return (this.track.spans?.length ?? 1) === 1;
+  }
+
+  // "06:07 (1 h 8 min earlier)", or "departs 06:07", outward to seconds.
+  departsAt(us, by = null) {
+    if (!this.isOne) return by ?? laterBy(us);
+    const t = this.track.start + us / 1e6;
+    const at = moment(us < 0 ? Math.floor(t + 1e-6) : Math.ceil(t - 1e-6), this.track.start).replace(/:00$/, "");
+    return by === null ? `departs ${at}` : `${at} (${by})`;
+  }
+
+  between(from, to) {
+    const [first, last] = [Math.floor(this.track.start + from / 1e6), Math.ceil(this.track.start + to / 1e6)];
+    return `${moment(first, this.track.start)} to ${moment(last, first)}`;
+  }
+
+  // In other units, another zone, or with another margin.
+  rewrite() {
+    if (!this.isOpen || this.more.hidden) return;
+    this.showForbidden();
+    this.moveTo(this.laterUs);
+  }
+
+  // "clear by 5 min", or "clear, no margin".
+  clearText() {
+    if (this.waypoint !== null) return "clear, margin not known";
+    const by = Math.floor(marginAt(this.forbidden, this.laterUs) / SECOND);
+    if (!Number.isFinite(by)) return "clear";
+    return by < 1 ? "clear, no margin" : `clear by ${laterBy(by * SECOND).replace(/ later$/, "")}`;
   }
 
   say(text) {
@@ -221,7 +268,7 @@ export class Departure {
   list(stretches) {
     this.stretches.replaceChildren(...stretches.slice(0, MOST_STRETCHES).map(({ from, to, keys }) => element("li", {},
       element("button", { type: "button", class: "link", click: () => this.moveTo(to - from < SECOND ? from : seconds((from + to) / 2)) },
-        `${laterBy(Math.floor(from / SECOND) * SECOND)} to ${laterBy(Math.ceil(to / SECOND) * SECOND)}`),
+        this.isOne ? this.between(from, to) : `${laterBy(Math.floor(from / SECOND) * SECOND)} to ${laterBy(Math.ceil(to / SECOND) * SECOND)}`),
       " ", ...keys.flatMap((key, n) => [n > 0 ? ", " : "", element("bdi", {}, printable(key))]))));
     if (stretches.length > MOST_STRETCHES) this.stretches.append(element("li", {}, `and ${stretches.length - MOST_STRETCHES} more`));
     if (!stretches.length) this.stretches.append(element("li", {}, "Nothing: all are clear."));
@@ -235,7 +282,7 @@ export class Departure {
     this.height.value = upM;
     this.height.setAttribute("aria-valuetext", upM === 0 ? "as planned" : higherBy(upM).slice(2));
     this.slider.value = us / 1e6;
-    this.slider.setAttribute("aria-valuetext", laterBy(us));
+    this.slider.setAttribute("aria-valuetext", us === 0 ? laterBy(us) : this.departsAt(us, laterBy(us)));
     this.strip.mark(us);
     // Which departures are clear is known of the planned way.
     for (const one of [this.canvas, this.buttons.earlier, this.buttons.later]) one.hidden = this.waypoint !== null;
@@ -312,14 +359,14 @@ export class Departure {
 
   // "4 min 10 s later: 2 fewer, none new; 1 left."
   told(conflicts) {
-    const by = this.moveText();
+    const by = this.laterUs === 0 || !this.isOne ? this.moveText() : `${this.departsAt(this.laterUs)}, ${this.moveText()}`;
     const said = by.charAt(0).toUpperCase() + by.slice(1);
-    if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
+    if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : this.clearText()}.`;
     const now = new Set(conflicts.map(({ other }) => other));
     const gone = [...this.planned].filter((key) => !now.has(key)).length;
     const come = [...now].filter((key) => !this.planned.has(key)).length;
     if (!gone && !come && now.size) return `${said}: the same ${counted(now.size, "conflict")}.`;
-    return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : "; clear"}.`;
+    return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : `; ${this.clearText()}`}.`;
   }
 
   // "10 min later, 20 m higher".

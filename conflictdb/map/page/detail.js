@@ -3,7 +3,7 @@
 import { sentenceOf } from "./card.js";
 import { DistanceChart } from "./distance_chart.js";
 import { element } from "./dom.js";
-import { bound, duration, heights, metres, moment, period, place, printable } from "./format.js";
+import { bound, distance as far, duration, heights, metres, moment, period, place, printable, zone } from "./format.js";
 import { MERCATOR_END } from "./model.js";
 import { plan } from "./plan.js";
 
@@ -17,12 +17,13 @@ const fact = (name, hue, ...values) => (
   [element("dt", {}, element("bdi", { class: hue }, printable(name))), element("dd", {}, ...values)]);
 
 export class Detail {
-  // `on`: back(), goTo(t), whatIf(track), acknowledge(conflict, reason or null)
+  // `on`: back(), goTo(t), whatIf(object), brief(object), acknowledge(conflict, reason or null)
   constructor(container, on) {
     this.container = container;
     this.on = on;
     this.chart = null;
     this.t = 0;
+    this.settled = null;
   }
 
   // Shows an instant.
@@ -46,8 +47,12 @@ export class Detail {
     place.replaceChildren(this.chart.picture, element("figcaption", {}, "Distance over time; below 0, how deep they overlap."));
   }
 
-  // Shows at once what the list knows; `pair` brings the rest (explanation and footprints).
-  async show(conflict, model, pair, distance, mayAcknowledge) {
+  // Shows at once what the list knows; `pair` brings the rest (explanation and footprints). `settled` waits for all of it.
+  show(...given) {
+    this.settled = this.draw(...given);
+  }
+
+  async draw(conflict, model, pair, distance, mayAcknowledge) {
     this.conflict = conflict;
     this.chart = null;
     const card = element("p", { class: "card" }, sentenceOf(conflict, model, null));
@@ -71,7 +76,7 @@ export class Detail {
       chart, why, figure, stages);
     heading.focus({ preventScroll: true });
     this.container.scrollTop = 0;
-    this.showDistance(conflict, model, distance, card, chart);
+    const drawn = this.showDistance(conflict, model, distance, card, chart);
     let found;
     try {
       found = await pair;
@@ -80,11 +85,11 @@ export class Detail {
       figure.remove();
       return;
     }
+    await drawn;
     if (this.conflict !== conflict) return; // another one was chosen meanwhile
     const { explanation: said, footprints } = found;
     if (said) {
-      why.replaceChildren(element("p", {}, sentence(said.why),
-        said.decided_by ? ` Decided by stage ${said.decided_by.stage}: ${said.decided_by.by}.` : ""));
+      why.replaceChildren(element("p", {}, sentence(said.why)));
       stages.replaceChildren(...this.stages(said));
     }
     if (conflict.lon !== null) {
@@ -102,7 +107,7 @@ export class Detail {
         period(a, b, null))),
       element("td", { class: "number" }, duration(b - a))));
     return element("div", {},
-      element("table", {}, element("caption", {}, periods.length > 1 ? `${periods.length} periods (UTC)` : "Period (UTC)"),
+      element("table", {}, element("caption", {}, `${periods.length > 1 ? `${periods.length} periods` : "Period"} (${zone(Number.isFinite(periods[0]?.[0]) ? periods[0][0] : periods[0]?.[1])})`),
         element("thead", { class: "unseen" }, element("tr", {}, element("th", {}, "From and to"), element("th", {}, "Length"))),
         element("tbody", {}, ...rows)),
       periods.length > MOST_PERIODS ? element("p", { class: "soft" }, `and ${periods.length - MOST_PERIODS} more`) : null,
@@ -118,7 +123,8 @@ export class Detail {
         `${object.kind}, ${heights(object.floor, object.ceiling)}`,
         object.kind === "track" ? element("div", {}, element("button", {
           type: "button", class: "link", click: () => this.on.whatIf(object),
-        }, `What if ${printable(key)} departs earlier or later?`)) : null);
+        }, `What if ${printable(key)} departs earlier or later?`)) : null,
+        element("div", {}, element("button", { type: "button", class: "link", click: () => this.on.brief(object) }, `Brief of ${printable(key)}`)));
     });
     return conflict.is_current ? found
       : [...found, ...fact("State", null, "one of them has changed since: the region is that of the last detection, and hatched")];
@@ -137,7 +143,8 @@ export class Detail {
       }
     };
     if (who !== null) {
-      const until = conflict.acknowledged_until ? `, until ${conflict.acknowledged_until.slice(0, 16).replace("T", " ")} UTC` : "";
+      const end = Date.parse(conflict.acknowledged_until ?? "") / 1000;
+      const until = Number.isFinite(end) ? `, until ${moment(end)} ${zone(end)}` : "";
       return element("section", { class: "acknowledge" },
         element("p", {}, "Acknowledged by ", element("bdi", {}, printable(who)), `${until}: `, element("bdi", {}, printable(why))),
         mayAcknowledge ? element("button", { type: "button", click: (event) => send(event, null) }, "Take back") : null, problem);
@@ -152,13 +159,14 @@ export class Detail {
   stages(said) {
     if (!said.stages) return [];
     return [element("details", {},
-      element("summary", {}, "What each stage left"),
+      element("summary", {}, "How it was decided"),
+      said.decided_by ? element("p", {}, `Decided by stage ${said.decided_by.stage}: ${said.decided_by.by}.`) : null,
       element("ol", {}, ...said.stages.map(({ asks, says, left, pairs }) => element("li", {},
         `${sentence(asks)} `, element("span", { class: "soft" }, says ?? `${left} of ${pairs} pairs of pieces`)))),
-      said.closest ? element("p", {}, `Closest: ${metres(said.closest.m)}, within ${bound(said.closest.error_m, "m")}`,
-        said.closest.at ? `, at ${moment(Date.parse(said.closest.at) / 1000)} UTC` : "", ".") : null,
+      said.closest ? element("p", {}, `Closest: ${far(said.closest.m)}, within ${bound(said.closest.error_m, "m")}`,
+        said.closest.at ? `, at ${moment(Date.parse(said.closest.at) / 1000)} ${zone(Date.parse(said.closest.at) / 1000)}` : "", ".") : null,
       element("p", { class: "soft" }, `Run ${said.run?.run_id ?? "–"}, method ${said.run?.method ?? said.settings.method}, `,
-        `tolerance ${metres(said.settings.tolerance_m)}, separation ${metres(said.settings.separation_m)}.`))];
+        `tolerance ${metres(said.settings.tolerance_m)}, separation ${far(said.settings.separation_m)}.`))];
   }
 }
 

@@ -1,7 +1,7 @@
 // The distance of a pair over time as a picture: below 0 they overlap, below the line of the separation they are too near.
 
 import { drawn } from "./dom.js";
-import { clock, metres } from "./format.js";
+import { clock, distance } from "./format.js";
 
 const [WIDTH, HEIGHT, FOOT] = [320, 110, 16];
 const MOST_ABOVE = 2; // so many times the depth, or the separation, that is shown above
@@ -21,7 +21,7 @@ export class DistanceChart {
     this.now = drawn("line", { y1: 0, y2: HEIGHT - FOOT, class: "chart-now" });
     this.picture = drawn("svg", {
       viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img",
-      "aria-label": `Distance over time: least ${metres(least[1])} at ${clock(least[0])}`,
+      "aria-label": `Distance over time: least ${least[1] < 0 ? `−${distance(-least[1])}` : distance(least[1])} at ${clock(least[0])}`,
       click: ({ offsetX }) => goTo(from + (offsetX / this.picture.clientWidth) * (to - from)),
     },
     drawn("defs", {}, drawn("clipPath", { id: "too-near" }, drawn("rect", { x: 0, y: limit, width: WIDTH, height: HEIGHT - limit }))),
@@ -31,7 +31,7 @@ export class DistanceChart {
     drawn("circle", { cx: this.x(least[0]), cy: y(least[1]), r: 3, class: "chart-least" }),
     this.now,
     text(0, HEIGHT - 3, "start", clock(from)), text(WIDTH, HEIGHT - 3, "end", clock(to)),
-    text(2, y(0) - 3, "start", "0"), separationM > 0 ? text(2, limit - 3, "start", metres(separationM)) : null);
+    text(2, y(0) - 3, "start", "0"), separationM > 0 ? text(2, limit - 3, "start", distance(separationM)) : null);
   }
 
   mark(t) {

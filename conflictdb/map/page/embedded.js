@@ -47,6 +47,11 @@ export class EmbeddedSource {
     return (await this.content).heights;
   }
 
+  // Of all objects.
+  async owners() {
+    return (await this.content).owners;
+  }
+
   async shapes() {
     return (await this.content).shapes;
   }

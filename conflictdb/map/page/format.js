@@ -1,4 +1,6 @@
-// Instants (Unix seconds, UTC), lengths and places as people read them.
+// Instants (Unix seconds), lengths and places as people read them: in the units and the time zone that are chosen.
+
+import { display, offsetAt, zoneAt } from "./display.js";
 
 const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 
@@ -25,12 +27,18 @@ export function shortened(text, most) {
   return signs.length > most ? `${signs.slice(0, most - 1).join("")}…` : text;
 }
 
+const NMI_M = 1852;
+
 const two = (n) => String(n).padStart(2, "0");
 
+// A date whose fields of UTC are those of the zone.
 function parts(t) {
-  const date = new Date(Math.floor(t * 1000 + 0.5));
+  const date = new Date(Math.floor((t + offsetAt(t)) * 1000 + 0.5));
   return Number.isNaN(date.getTime()) ? null : date;
 }
+
+// "UTC", or what it is there: "UTC+1".
+export const zone = (t) => (Number.isFinite(t) ? zoneAt(t) : "UTC");
 
 export function day(t) {
   const date = parts(t);
@@ -44,16 +52,23 @@ export function clock(t, withSeconds = true) {
   return withSeconds ? `${minutes}:${two(date.getUTCSeconds())}` : minutes;
 }
 
-// The instant of a text as people write it: 2026-06-01 09:30, or with seconds; null if it is none.
-export function instantOf(text) {
-  const found = /^\s*(\d{4})-(\d\d)-(\d\d)[ T]+(\d\d?):(\d\d)(?::(\d\d))?\s*(?:Z|UTC)?\s*$/i.exec(text);
+// The instant of a text as people write it in their zone, or in UTC: 2026-06-01 09:30, or with seconds; null if it is none.
+export function instantOf(text, isUtc = false) {
+  const found = /^\s*(\d{4})-(\d\d)-(\d\d)[ T]+(\d\d?):(\d\d)(?::(\d\d))?\s*(Z|UTC)?\s*$/i.exec(text);
   if (!found) return null;
-  const [year, month, date, hour, minute, second] = found.slice(1).map((digits) => Number(digits ?? 0));
+  const [year, month, date, hour, minute, second] = found.slice(1, 7).map((digits) => Number(digits ?? 0));
   const at = new Date(Date.UTC(year, month - 1, date, hour, minute, second));
   // Of a day or an hour that there is not, another one would come.
   const isThere = at.toISOString().startsWith(text.trim().slice(0, 10)) && hour < 24 && minute < 60 && second < 60;
-  return isThere ? at.getTime() / 1000 : null;
+  if (!isThere) return null;
+  const t = at.getTime() / 1000;
+  if (isUtc || found[7]) return t;
+  const there = t - offsetAt(t - offsetAt(t));
+  return there + offsetAt(there) === t ? there : null; // clocks leave out an hour in spring
 }
+
+// An instant as fields have it: 2026-06-01 09:30:00.
+export const written = (t) => new Date((t + offsetAt(t)) * 1000).toISOString().slice(0, 19).replace("T", " ");
 
 // With the day where it is another one than that of the one before it.
 export function moment(t, before = null) {
@@ -100,10 +115,15 @@ export function metres(m) {
   return `${m >= 100 ? Math.round(m) : Number(m.toPrecision(3))} m`;
 }
 
-// How deep two objects undercut their separation.
-export function depth(m, separationM) {
-  return `${metres(Math.max(0, m))} ${separationM > 0 ? "too near" : "deep"}`;
+// A distance on the ground: nautical miles, below a tenth of one metres; or kilometres.
+export function distance(m) {
+  if (!display.isNautical) return metres(m);
+  if (m >= NMI_M / 10) return `${(m / NMI_M).toFixed(1)} nmi`;
+  return `${m >= 10 ? Math.round(m) : m.toFixed(1)} m`;
 }
+
+// A speed over the ground.
+export const speed = (mps) => (display.isNautical ? `${((mps * 3600) / NMI_M).toFixed(1)} kn` : `${mps.toFixed(1)} m/s`);
 
 export function heights(floor, ceiling) {
   if (floor === null && ceiling === null) return "all heights";
@@ -114,10 +134,17 @@ export function heights(floor, ceiling) {
 
 export function place(lon, lat) {
   const turned = ((((lon + 180) % 360) + 360) % 360) - 180;
-  return `${Math.abs(lat).toFixed(4)}° ${lat < 0 ? "S" : "N"} ${Math.abs(turned).toFixed(4)}° ${turned < 0 ? "W" : "E"}`;
+  const said = (degrees, width) => (display.isNautical ? degreesAndMinutes(Math.abs(degrees), width) : `${Math.abs(degrees).toFixed(4)}°`);
+  return `${said(lat, 2)} ${lat < 0 ? "S" : "N"} ${said(turned, 3)} ${turned < 0 ? "W" : "E"}`;
 }
 
 // With commas between thousands; the formats of the browser take some hundredths of a second to load.
 export const grouped = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, ",");
 
 export const counted = (n, word) => `${grouped(n)} ${word}${n === 1 ? "" : "s"}`;
+
+// 57°54.3′, of degrees with so many digits.
+function degreesAndMinutes(degrees, width) {
+  const tenths = Math.round(degrees * 600);
+  return `${String(Math.floor(tenths / 600)).padStart(width, "0")}°${((tenths % 600) / 10).toFixed(1).padStart(4, "0")}′`;
+}

@@ -1,10 +1,12 @@
 // Meridians and parallels above the map, and what they are. On Web Mercator they are straight, to the pixel.
 
+import { display } from "./display.js";
 import { MERCATOR_END } from "./model.js";
 import { colour, font } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
 const STEPS = [60, 30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001];
+const MINUTES = [30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01]; // instead of decimals of degrees
 const LEAST_PX = 110; // between two of them
 const SCALE_PX = 164; // room of the scale, bottom left
 const LABEL_PX = 14; // height of a label
@@ -12,7 +14,8 @@ const LABEL_PX = 14; // height of a label
 const latitudeAt = (y) => (Math.atan(Math.sinh(Math.PI * (1 - 2 * y))) * 180) / Math.PI;
 
 // The finest step at which lines are apart enough, where a degree is so many pixels.
-const stepOf = (degreePx) => STEPS.findLast((step) => step * degreePx >= LEAST_PX) ?? STEPS[0];
+const steps = () => (display.isNautical ? [...STEPS.filter((step) => step >= 1), ...MINUTES.map((minutes) => minutes / 60)] : STEPS);
+const stepOf = (degreePx) => steps().findLast((step) => step * degreePx >= LEAST_PX) ?? STEPS[0];
 
 // All multiples of a step between two numbers.
 function multiples(step, from, to) {
@@ -21,9 +24,18 @@ function multiples(step, from, to) {
 }
 
 function named(value, step, positive, negative) {
+  if (display.isNautical && step < 1) return inMinutes(value, step, positive, negative);
   const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
   const size = Math.abs(value).toFixed(digits);
   return [0, 180].includes(Number(size)) ? `${Number(size)}°` : `${size}° ${value < 0 ? negative : positive}`;
+}
+
+function inMinutes(value, step, positive, negative) {
+  const digits = Math.max(0, Math.ceil(-Math.log10(step * 60) - 1e-9));
+  const units = Math.round(Math.abs(value) * 60 * 10 ** digits);
+  const [degrees, rest] = [Math.floor(units / (60 * 10 ** digits)), units % (60 * 10 ** digits)];
+  const minutes = (rest / 10 ** digits).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  return `${degrees}°${rest ? `${minutes}′` : ""}${units === 0 || (degrees === 180 && !rest) ? "" : ` ${value < 0 ? negative : positive}`}`;
 }
 
 // What is in a frame (map.js): meridians with x and parallels with y, pixels, each with its degrees and its name.
@@ -49,6 +61,11 @@ export class Graticule {
     this.view = view;
     this.drawn = "";
     view.map.on("render", () => this.draw());
+  }
+
+  redraw() {
+    this.drawn = "";
+    this.draw();
   }
 
   draw() {

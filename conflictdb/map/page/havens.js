@@ -1,8 +1,8 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
-import { labelOf } from "./format.js";
+import { labelOf, moment } from "./format.js";
 import { writeNames } from "./labels.js";
-import { isThere } from "./model.js";
+import { isThere, nextStart } from "./model.js";
 import { Motion } from "./motion.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
@@ -15,8 +15,8 @@ const DIMMED = 0.15; // of what is drawn beside a chosen pair
 const NAMES_DIMMED = 0.4;
 // Of the first and second object of the pair that is chosen, of what is in conflict while none is, and of all else.
 const TONES = { plain: "haven", inConflict: "conflict", a: "a", b: "b" };
-const INKS = { plain: "ink-soft", inConflict: "conflict-ink", a: "a-ink", b: "b-ink" };
-const RANKS = { a: 0, b: 0, inConflict: 1, plain: 2 };
+const INKS = { plain: "ink-soft", inConflict: "conflict-ink", a: "a-ink", b: "b-ink", inactive: "ink-faint" };
+const RANKS = { a: 0, b: 0, inConflict: 1, plain: 2, inactive: 3 };
 
 function kindOf(key, { pair, inConflict }) {
   if (pair.length) return key === pair[0] ? "a" : key === pair[1] ? "b" : "plain";
@@ -39,7 +39,7 @@ export class Havens {
     this.plan = null; // of a track that departs later, { key, laterUs }
     this.focus = null; // of the pair that is chosen (focus.js)
     this.isStill = false; // while it is printed
-    this.marks = { hidden: new Set(), inConflict: new Set(), pair: [] };
+    this.marks = { hidden: new Set(), inConflict: new Set(), pair: [], isChosen: false };
     view.map.on("render", () => this.draw());
   }
 
@@ -104,7 +104,7 @@ export class Havens {
     for (const [track, place] of this.places(seen, this.t, 1 / frame.size)) {
       // The reach of the haven: metres there are this much longer on the map.
       const reachPx = track.motion.reachM * Math.cosh(2 * Math.PI * (0.5 - place[1])) / frame.metresPerPixel;
-      const margin = (reachPx + 2) / frame.size;
+      const margin = Math.min(1, (reachPx + 2) / frame.size); // next to a pole it would be endless
       if (place[1] < frame.top - margin || place[1] > frame.top + reach.h + margin) continue;
       // On each turn of the world that is in view.
       let x = place[0] - Math.floor(place[0] - (frame.left - margin));
@@ -127,11 +127,15 @@ export class Havens {
   // The path of a moved plan and its haven, dashed.
   drawPlan(frame) {
     const { context } = this;
+    if (this.plan.rings) {
+      this.drawRings(frame, this.plan.rings);
+      return;
+    }
     const known = this.tracks.find(({ key }) => key === this.plan.key);
     if (!known) return;
     const track = this.plan.waypoint ? this.bentTrack(known, this.plan.waypoint) : known;
     const middle = frame.left + frame.width / frame.size / 2;
-    context.strokeStyle = context.fillStyle = colour("a");
+    context.strokeStyle = context.fillStyle = colour(this.marks.pair[1] === this.plan.key ? "b" : "a");
     context.lineWidth = 2;
     context.setLineDash([6, 4]);
     const draw = (line, isClosed) => {
@@ -154,10 +158,34 @@ export class Havens {
     context.setLineDash([]);
   }
 
+  // The outline of an area that is moved, dashed.
+  drawRings(frame, rings) {
+    const { context } = this;
+    const middle = frame.left + frame.width / frame.size / 2;
+    context.strokeStyle = context.fillStyle = colour("a");
+    context.lineWidth = 2;
+    context.setLineDash([6, 4]);
+    context.beginPath();
+    for (const ring of rings) {
+      const turn = Math.round(middle - mercatorX(ring[0][0]));
+      ring.forEach(([lon, lat], i) => {
+        const [x, y] = [(mercatorX(lon) + turn - frame.left) * frame.size, (mercatorY(Math.max(-89, Math.min(89, lat))) - frame.top) * frame.size];
+        if (i === 0) context.moveTo(x, y);
+        else context.lineTo(x, y);
+      });
+      context.closePath();
+    }
+    context.stroke();
+    context.globalAlpha = 0.15;
+    context.fill("evenodd");
+    context.globalAlpha = 1;
+    context.setLineDash([]);
+  }
+
   drawAll(some, frame, kind) {
     const { context } = this;
     const isPair = kind === "a" || kind === "b";
-    const strength = this.marks.pair.length && !isPair ? DIMMED : 1; // beside a pair that is chosen
+    const strength = this.marks.isChosen && !isPair ? DIMMED : 1; // beside a pair that is chosen
     context.lineWidth = isPair ? 2.5 : 1.5;
     context.setLineDash(kind === "b" ? [6, 3] : []);
     context.beginPath();
@@ -186,10 +214,13 @@ export class Havens {
   // Names of havens, and of areas that are there, where there is room: those in conflict first. `taken`: boxes without room.
   drawNames(frame, taken) {
     const { context, marks, t } = this;
-    const rank = ({ key }) => RANKS[kindOf(key, marks)];
+    const kind = (object) => (object.kind === "area" && !isThere(object, t) && !marks.pair.includes(object.key) ? "inactive" : kindOf(object.key, marks));
+    const rank = (object) => RANKS[kind(object)];
+    // Of an area that is not active: from when on it is.
+    const text = (object) => (object.kind === "track" || isThere(object, t) ? labelOf(object) : `${labelOf(object)}, ${whenActive(object, t)}`);
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y, reach: Math.min(reachPx, 60) }));
     for (const area of this.areas) {
-      if (!isThere(area, t) || marks.hidden.has(area.key)) continue;
+      if (marks.hidden.has(area.key)) continue;
       const [west, , east] = area.box;
       const [lon, lat] = area.inside;
       const place = mercatorX(lon);
@@ -204,7 +235,7 @@ export class Havens {
     const some = near.filter(({ object }) => near.length <= MOST_NAMES || rank(object) < 2).slice(0, MOST_NAMES);
     some.sort((a, b) => rank(a.object) - rank(b.object));
     context.globalAlpha = this.focus ? NAMES_DIMMED : 1;
-    this.names = writeNames(context, some.map(({ object, x, y, reach }) => ({ key: object.key, text: labelOf(object), ink: INKS[kindOf(object.key, marks)], x, y, reach })), [...taken, ...this.below()], frame, this.namePlaces);
+    this.names = writeNames(context, some.map(({ object, x, y, reach }) => ({ key: object.key, text: text(object), ink: INKS[kind(object)], x, y, reach })), [...taken, ...this.below()], frame, this.namePlaces);
     context.globalAlpha = 1;
   }
 
@@ -216,6 +247,12 @@ export class Havens {
       .sort((a, b) => a.d - b.d);
     return found[0]?.one.track ?? null;
   }
+}
+
+// When an area is active that is not now.
+function whenActive(area, t) {
+  const next = nextStart(area, t);
+  return next === null ? "no longer active" : `from ${moment(next, t).replace(/(:\d\d):00$/, "$1")}`;
 }
 
 // A track with its path in units of the world.

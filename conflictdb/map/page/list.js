@@ -1,11 +1,16 @@
 // The list of conflicts, the worst first. Only rows in view are elements: there may be tens of thousands.
 
 import { byId, element } from "./dom.js";
-import { bound, clock, depth, duration, grouped, moment, printable } from "./format.js";
+import { bound, clock, duration, grouped, moment, period, printable } from "./format.js";
+import { areNamed, fittedPair, namesOf } from "./pair_names.js";
+import { missingText } from "./missing.js";
+import { font } from "./theme.js";
 
-const ROW = 60; // height of a row, pixels, as style.css has it
+const ROWS = [60, 80]; // heights of rows, pixels: of keys, and of names, one below the other
 const MORE = 6; // rows beyond the view, above and below
-const MOST_KEYS = 24; // characters of both keys that have room in a row
+const MOST_KEYS = 24; // characters of both keys that have room in one line
+const [LEFT_PX, WHEN_PX] = [56, 84]; // beside names: their mark, and the time
+const WHEN_BESIDE = matchMedia("(min-width: 901px), (max-width: 640px)"); // as style.css has it
 const MOST_PRINTED = 500; // rows
 const TOLD_S = 0.1; // an error of times that is smaller is told of one conflict, not in the list
 
@@ -14,7 +19,6 @@ export class List {
     this.container = container;
     this.rows = container.querySelector("ul");
     this.empty = container.querySelector("p");
-    this.order = document.getElementById("order");
     this.onChoose = onChoose;
     this.conflicts = [];
     this.objects = new Map();
@@ -22,10 +26,11 @@ export class List {
     this.chosen = null;
     this.t = 0;
     this.order = byId("order");
-    this.separationM = 0;
+    this.height = ROWS[0];
+    this.pen = document.createElement("canvas").getContext("2d"); // measures
     this.isPrinted = false;
     container.addEventListener("scroll", () => this.render(), { passive: true });
-    new ResizeObserver(() => this.render()).observe(container);
+    new ResizeObserver(() => this.resized()).observe(container);
     this.rows.addEventListener("keydown", (event) => {
       const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
       if (by) {
@@ -36,10 +41,9 @@ export class List {
   }
 
   // Shows conflicts of a scene; without any conflict it says why there is none.
-  take(conflicts, { objects, scene }, why) {
+  take(conflicts, { objects, isRanked }, why) {
     this.objects = objects;
-    this.separationM = scene.separation_m;
-    this.order.hidden = !conflicts.some(({ depth }) => depth !== null);
+    this.order.hidden = !isRanked || conflicts.length === 0;
     this.empty.hidden = conflicts.length > 0;
     this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
@@ -48,11 +52,33 @@ export class List {
     const dated = conflicts.filter(({ start }) => Number.isFinite(start));
     this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
     this.rows.classList.toggle("dated", this.several); // a date is long: names have the first line
+    this.isTall = conflicts.some((one) => areNamed(one, objects) || one.a.length + one.b.length > MOST_KEYS);
+    this.height = ROWS[Number(this.isTall)];
+    this.lay();
+    if (focused >= 0) this.focus(Math.min(focused, conflicts.length - 1));
+  }
+
+  // Names are cut to the width; a list that is hidden has none.
+  resized() {
+    const { clientWidth } = this.container;
+    if (clientWidth === 0 || clientWidth === this.width) {
+      this.render();
+      return;
+    }
+    const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
+    this.lay();
+    if (focused >= 0) this.shown.get(focused)?.querySelector("button").focus({ preventScroll: true });
+  }
+
+  // Makes all rows anew.
+  lay() {
+    this.width = this.container.clientWidth || this.width || LEFT_PX + WHEN_PX;
+    this.rows.classList.toggle("tall", this.isTall);
+    this.rows.style.setProperty("--row", `${this.height}px`);
     this.rows.replaceChildren();
     this.shown.clear();
-    this.rows.style.height = `${conflicts.length * ROW}px`;
+    this.rows.style.height = `${this.conflicts.length * this.height}px`;
     this.render();
-    if (focused >= 0) this.focus(Math.min(focused, conflicts.length - 1));
   }
 
   show(t, chosen) {
@@ -64,8 +90,9 @@ export class List {
   reveal(id) {
     const n = this.conflicts.findIndex((c) => c.id === id);
     const { scrollTop, clientHeight } = this.container;
-    if (n >= 0 && (n * ROW < scrollTop || (n + 1) * ROW > scrollTop + clientHeight)) {
-      this.container.scrollTop = Math.max(0, n * ROW - clientHeight / 3);
+    const { height } = this;
+    if (n >= 0 && (n * height < scrollTop || (n + 1) * height > scrollTop + clientHeight)) {
+      this.container.scrollTop = Math.max(0, n * height - clientHeight / 3);
     }
     this.render(); // also where the list was hidden until now
     return n;
@@ -91,7 +118,7 @@ export class List {
   wanted() {
     if (this.isPrinted) return [0, Math.min(this.conflicts.length, MOST_PRINTED)];
     const { scrollTop, clientHeight } = this.container;
-    return [Math.max(0, Math.floor(scrollTop / ROW) - MORE), Math.min(this.conflicts.length, Math.ceil((scrollTop + clientHeight) / ROW) + MORE)];
+    return [Math.max(0, Math.floor(scrollTop / this.height) - MORE), Math.min(this.conflicts.length, Math.ceil((scrollTop + clientHeight) / this.height) + MORE)];
   }
 
   render() {
@@ -117,40 +144,49 @@ export class List {
     const conflict = this.conflicts[n];
     const lasts = conflict.periods.reduce((sum, [a, b]) => sum + (b - a), 0);
     const facts = [
+      this.before(conflict),
       conflict.verdict === "conflict" ? null : conflict.verdict,
-      conflict.depth === null ? null : depth(conflict.depth, this.separationM),
+      conflict.missing && missingText(conflict),
       Number.isFinite(lasts) ? duration(lasts) : "without end",
       conflict.error_s !== null && conflict.error_s < TOLD_S ? null : `± ${bound(conflict.error_s, "s")}`,
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
-      this.names(conflict),
     ].filter(Boolean).join(" · ");
     const when = conflict.start === -Infinity ? "since ever"
       : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
     const change = conflict.since ?? conflict.change;
-    const [a, b] = [printable(conflict.a), printable(conflict.b)];
-    const isCut = a.length + b.length > MOST_KEYS; // the longer one, as far as it takes half of the room
+    const isNamed = areNamed(conflict, this.objects);
     const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
-        element("span", { class: "keys" },
-          element("bdi", { class: isCut && a.length >= b.length ? "longer" : null }, a), element("span", { class: "soft" }, " and "),
-          element("bdi", { class: isCut && b.length > a.length ? "longer" : null }, b)),
+        element("span", { class: isNamed ? "names" : "names keys" }, ...this.lines(conflict)),
         element("span", { class: "when" }, when),
-        element("span", { class: "facts" }, facts),
+        element("span", { class: "facts" }, facts, isNamed ? " · " : null, isNamed ? element("span", { class: "keys" },
+          element("bdi", {}, printable(conflict.a)), " and ", element("bdi", {}, printable(conflict.b))) : null),
         element("span", { class: "tags" },
           conflict.isBeyond ? element("span", { class: "tag" }, "near the pole") : null,
           change ? element("span", { class: `tag ${change}` }, change) : null,
           conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
           conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
-    row.style.transform = `translateY(${n * ROW}px)`;
+    row.style.transform = `translateY(${n * this.height}px)`;
     this.mark(row, conflict);
     return row;
   }
 
-  // The names of both objects, of those that have one that is not their key.
-  names({ a, b }) {
-    const names = [a, b].map((key) => [key, this.objects.get(key)?.name]).filter(([key, name]) => name && name !== key);
-    return names.map(([, name]) => printable(name)).join(" and ");
+  // Both names, one below the other if one line has no room for some of the list.
+  lines(conflict) {
+    const names = namesOf(conflict, this.objects);
+    this.pen.font = font("text", 600);
+    const room = this.width - LEFT_PX;
+    const isBeside = !this.several && WHEN_BESIDE.matches; // the time beside the names
+    const own = room - (isBeside ? WHEN_PX : 0);
+    const shown = this.isTall ? fittedPair((text) => this.pen.measureText(text).width, names, [own, own]) : names;
+    const line = (n) => element("bdi", { title: shown[n] === names[n] ? null : names[n] }, shown[n]);
+    return [line(0), element("span", { class: this.isTall ? "unseen" : "soft" }, " and "), line(1)];
+  }
+
+  // The new and the old times of a conflict that is at another time.
+  before({ was, start, end }) {
+    return was ? `${period(start, end, start)}, was ${period(was.start, was.end, start)}` : null;
   }
 
   mark(row, conflict) {

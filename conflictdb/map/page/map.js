@@ -2,10 +2,11 @@
 // in time asks for no tile again.
 
 import * as maplibregl from "../vendor/maplibre-gl.mjs";
+import { display } from "./display.js";
 import { Overview } from "./overview.js";
 import { seenAround } from "./source.js";
 import { colour, theme } from "./theme.js";
-import { mercatorX, mercatorY } from "./world.js";
+import { mercatorX, mercatorY, shorter } from "./world.js";
 
 maplibregl.prewarm(); // its threads load while the scene does
 
@@ -132,13 +133,16 @@ export class MapView {
       maxPitch: 0,
       maxZoom: 19,
       attributionControl: false,
+      locale: { "ScaleControl.NauticalMiles": "nmi" },
       fadeDuration: 0,
       refreshExpiredTiles: false,
     });
     this.map.touchZoomRotate.disableRotation();
     this.map.keyboard.disableRotation();
     this.map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
-    this.map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-left");
+    this.scale = new maplibregl.ScaleControl({ maxWidth: 140 });
+    this.map.addControl(this.scale, "bottom-left");
+    this.showUnits();
     this.map.getCanvas().setAttribute("aria-label", "Map");
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
@@ -218,6 +222,27 @@ export class MapView {
     else this.map.once("style.load", set);
   }
 
+  // The scale in the units that are chosen.
+  showUnits() {
+    this.scale.setUnit(display.isNautical ? "nautical" : "metric");
+    this.measured = null;
+    this.map.triggerRepaint();
+  }
+
+  // Whether places (degrees) are all in view.
+  holds(places) {
+    const bounds = this.map.getBounds();
+    const middle = this.map.getCenter().lng;
+    return places.every(([lon, lat]) => bounds.contains([middle + shorter(lon - middle), lat]));
+  }
+
+  // Resolves when all that is in view is drawn.
+  idle() {
+    const reached = new Promise((resolve) => this.map.once("idle", resolve));
+    this.map.triggerRepaint();
+    return reached;
+  }
+
   // Whether the map is so near that tiles show the scene.
   showsDetail() {
     return this.map.getZoom() >= this.detailZoom;
@@ -275,13 +300,15 @@ export class MapView {
 
   // Shows handles { name, lon, lat } (degrees) that can be dragged, or moved by the arrow keys; `onMove(n, lon, lat)` hears of it. null:
   // none. Handles that are there stay, as one of them may be dragged, or have the focus.
-  showHandles(handles, onMove = null) {
+  showHandles(handles, onMove = null, hue = "a") {
     this.onHandle = onMove;
     const wanted = handles ?? [];
     while (this.handles.length > wanted.length) this.handles.pop().remove();
     wanted.forEach(({ name, lon, lat }, n) => {
       this.handles[n] ??= this.handle(n, [lon, lat]);
-      this.handles[n].setLngLat([lon, lat]).getElement().setAttribute("aria-label", name);
+      const handle = this.handles[n].setLngLat([lon, lat]).getElement();
+      handle.setAttribute("aria-label", name);
+      handle.classList.toggle("of-b", hue === "b");
     });
   }
 

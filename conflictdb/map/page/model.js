@@ -10,7 +10,7 @@ export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Merca
 // What is not known of a conflict of a moved plan.
 const UNKNOWN = {
   is_current: true, lon: null, lat: null, west: null, south: null, east: null, north: null, isBeyond: false,
-  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null, depth: null, deepest: null,
+  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null, rank: null, missing: null, deepest: null,
 };
 export const VERDICTS = ["conflict", "grazing", "unresolved"];
 
@@ -89,7 +89,7 @@ export function unpackConflicts(buffer) {
       lon: isPlaced ? lon : null, lat: isPlaced ? view.getFloat64(at + 28) : null,
       west: isSeen ? west : null, south: isSeen ? view.getFloat32(at + 40) : null,
       east: isSeen ? view.getFloat32(at + 44) : null, north: isSeen ? view.getFloat32(at + 48) : null,
-      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until, depth: null, deepest: null,
+      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until, rank: null, missing: null, deepest: null,
       periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity,
     };
     conflict.isBeyond = isPlaced && Math.abs(conflict.lat) > MERCATOR_END;
@@ -161,6 +161,12 @@ export function isThere({ spans, start, end }, from, to = from) {
   return n > 0 && spans[n - 1][1] >= from;
 }
 
+// When an object is there next, after an instant; null: never.
+export function nextStart({ spans, start }, t) {
+  const starts = spans ? spans.map(([from]) => from) : [start ?? -Infinity];
+  return starts.find((from) => from > t) ?? null;
+}
+
 // A latitude beyond which the map shows nothing, of what an object reaches.
 function reachesBeyond(object) {
   if (object.kind === "area") return object.box[1] < -MERCATOR_END || object.box[3] > MERCATOR_END;
@@ -175,7 +181,7 @@ export class Model {
     this.outlines = [];
     this.objects = new Map();
     this.conflicts = [];
-    this.depths = new Map();
+    this.ranked = new Map();
     this.beyond = 0;
     this.knownBox = null;
     this.spare = null; // a span that the timeline shows, too
@@ -203,17 +209,25 @@ export class Model {
   takeConflicts(conflicts) {
     this.conflicts = unpackConflicts(conflicts);
     this.span = this.spanOfAll();
-    this.setDepths();
+    this.rank();
   }
 
-  // How deep conflicts are, metres, and at which instant, by id; of others it is not known.
-  takeDepths(depths) {
-    this.depths = new Map(depths.map(([id, ...known]) => [id, known]));
-    this.setDepths();
+  // Conflicts, the worst first (core/ranking.py): [[id, when most of the separation is missing, and how much, in words and metres], …]. All but
+  // the id are null where they are not known.
+  takeRanked(ranked) {
+    this.ranked = new Map(ranked.map(([id, ...known], n) => [id, [n, ...known]]));
+    this.rank();
   }
 
-  setDepths() {
-    for (const conflict of this.conflicts) [conflict.depth, conflict.deepest] = this.depths.get(conflict.id) ?? [null, null];
+  get isRanked() {
+    return this.ranked.size > 0;
+  }
+
+  rank() {
+    for (const conflict of this.conflicts) {
+      const [rank, deepest, word, m] = this.ranked.get(conflict.id) ?? [null, null, null, null];
+      Object.assign(conflict, { rank, deepest, missing: word === null ? null : [word, m] });
+    }
   }
 
   // From when to when something moves, or begins or ends: what the timeline shows.
@@ -280,10 +294,12 @@ export class Model {
       const other = conflict.a === key ? conflict.b : conflict.a;
       const now = known.get(other);
       known.delete(other);
-      return now ? this.planned(conflict, now, "moved", key, upM) : { ...conflict, change: "gone" };
+      return now ? this.planned({ ...conflict, was: { start: conflict.start, end: conflict.end } }, now, "moved", key, upM) : { ...conflict, change: "gone" };
     });
     const added = [...known.values()].map((now, n) => {
-      const [a, b] = this.objects.get(now.other)?.kind === "area" || now.other < key ? [now.other, key] : [key, now.other];
+      const isArea = (one) => this.objects.get(one)?.kind === "area";
+      const isOtherFirst = isArea(key) === isArea(now.other) ? now.other < key : isArea(now.other);
+      const [a, b] = isOtherFirst ? [now.other, key] : [key, now.other];
       return this.planned({ ...UNKNOWN, id: -1 - n, a, b }, now, "new", key, upM);
     });
     return [...changed, ...added].sort((one, other) => one.start - other.start || one.id - other.id);
@@ -348,13 +364,11 @@ export function narrowest(spans) {
 // How long a conflict lasts, seconds: all of its periods.
 export const lasting = ({ periods }) => periods.reduce((sum, [start, end]) => sum + end - start, 0);
 
-// Conflicts in the order of a list: what a moved plan changes, by time; the deepest; those without a known depth, the longest
-// first.
+// Conflicts in the order of a list: what a moved plan changes, by time; then the worst first, as the server ranks them.
 export function worstFirst(conflicts) {
-  const ranked = conflicts.map((one) => (
-    { one, rank: one.change || one.since ? 0 : one.depth === null ? 2 : 1, by: one.change || one.since ? 0 : one.depth ?? lasting(one) }));
-  const differ = (a, b) => (a === b ? 0 : a - b); // also of two that have no end
-  return ranked.sort((a, b) => a.rank - b.rank || differ(b.by, a.by)).map(({ one }) => one);
+  const rankOf = (one) => (one.change || one.since ? -1 : one.rank ?? Infinity);
+  const differ = (a, b) => (a === b ? 0 : a - b); // also of two without a rank
+  return [...conflicts].sort((one, other) => differ(rankOf(one), rankOf(other)));
 }
 
 // Whether two spans of heights have one in common.

@@ -1,10 +1,10 @@
 // The selected object: what it is, how many conflicts it has, and what it comes nearest to if it has none.
 
 import { element } from "./dom.js";
-import { bound, clock, counted, heights, metres, period, printable } from "./format.js";
+import { bound, clock, counted, distance, heights, period, printable } from "./format.js";
 
 export class ObjectCard {
-  // `on`: whatIf(track), close(), goTo(object)
+  // `on`: whatIf(track), brief(object), close(), goTo(object)
   constructor(container, on) {
     Object.assign(this, { container, on });
     this.asked = 0;
@@ -17,7 +17,7 @@ export class ObjectCard {
   }
 
   // `approach()` brings the nearest approach (nearest.js), for an object without conflicts.
-  async show(object, conflicts, { isCurrent, asksWhatIf }, approach) {
+  async show(object, conflicts, { isCurrent, asksWhatIf, maySendAway }, approach) {
     const asked = ++this.asked;
     const said = element("p", { class: "said", role: "status" }, conflicts > 0 ? `${counted(conflicts, "conflict")}, in the list below.` : "No conflict. Looking for what comes nearest …");
     const height = object.floors || object.ceilings ? "heights that change" : heights(object.floor, object.ceiling);
@@ -29,6 +29,8 @@ export class ObjectCard {
       said,
       element("div", { class: "copies" },
         element("button", { type: "button", class: "plain", click: () => this.on.goTo(object) }, "Show on the map"),
+        element("button", { type: "button", class: "plain", click: () => this.on.brief(object) }, "Brief"),
+        object.kind === "area" && asksWhatIf && maySendAway ? element("button", { type: "button", class: "plain", click: () => this.on.whatIf(object) }, "What if it moves?") : null,
         object.kind === "track" && asksWhatIf ? element("button", { type: "button", class: "plain", click: () => this.on.whatIf(object) }, "What if it departs at another time?") : null));
     this.container.hidden = false;
     if (conflicts > 0) return;
@@ -42,7 +44,7 @@ export class ObjectCard {
     }
     if (asked !== this.asked || found === undefined) return;
     said.replaceChildren(...(found === null ? [`${none} Nothing comes within 1000 km at its time and heights.`] : [
-      `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other)), `, ${metres(found.m)} (within ${bound(found.error, "m")})`,
+      `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other)), `, ${distance(found.m)} (within ${bound(found.error, "m")})`,
       ...(Number.isFinite(found.t) ? [", at ", element("button", { type: "button", class: "link", click: () => this.on.goTo(object, found.t) }, `${clock(found.t)}`)] : []), "."]));
   }
 }

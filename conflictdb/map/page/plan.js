@@ -2,7 +2,8 @@
 // contact, true to scale also where Web Mercator is not, next to the poles.
 
 import { drawn } from "./dom.js";
-import { metres } from "./format.js";
+import { display } from "./display.js";
+import { distance } from "./format.js";
 import { RADIANS, SPHERE_M } from "./world.js";
 
 const [WIDTH, HEIGHT, EDGE] = [320, 200, 24];
@@ -43,16 +44,17 @@ export function plan(objects, footprints, contact, t) {
   const shapes = seen.map((rings, i) => drawn("path", {
     class: `plan-${"ab"[i]}`, d: rings.map((ring) => `M${ring.map(at).join("L")}Z`).join(""),
   }));
-  const bar = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).sort((a, b) => a - b)
-    .filter((m) => m * scale <= 90).pop() ?? 1;
+  const tenths = display.isNautical ? [1, 2, 5].flatMap((n) => [0, 1, 2, 3, 4].map((e) => n * 10 ** e * 185.2)) : [];
+  const bar = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).filter((m) => !display.isNautical || m < 185).concat(tenths)
+    .sort((a, b) => a - b).filter((m) => m * scale <= 90).pop() ?? 1;
   return drawn("svg", {
     class: "plan", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img",
-    "aria-label": `Both at first contact, on the ground; the bar is ${metres(bar)} long`,
+    "aria-label": `Both at first contact, on the ground; the bar is ${distance(bar)} long`,
   },
   ...shapes,
   drawn("circle", { class: "plan-contact", cx: WIDTH / 2, cy: HEIGHT / 2, r: 4 }),
   drawn("path", { class: "plan-bar", d: `M12 ${HEIGHT - 12}v4h${(bar * scale).toFixed(1)}v-4` }),
-  drawn("text", { x: 12, y: HEIGHT - 18 }, metres(bar)),
+  drawn("text", { x: 12, y: HEIGHT - 18 }, distance(bar)),
   drawn("path", { class: "plan-bar", d: `M${WIDTH - 16} ${HEIGHT - 8}v-22m-4 6l4 -6l4 6` }),
   drawn("text", { x: WIDTH - 16, y: HEIGHT - 36, "text-anchor": "middle" }, "N"));
 }

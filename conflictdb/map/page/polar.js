@@ -1,6 +1,7 @@
 // The map about a pole, where Web Mercator ends: polar stereographic, so that shapes are true. All of it is drawn here.
 
-import { labelOf, metres } from "./format.js";
+import { display } from "./display.js";
+import { distance, labelOf } from "./format.js";
 import { colour, font, theme } from "./theme.js";
 import { RADIANS, SPHERE_M } from "./world.js";
 
@@ -326,7 +327,8 @@ export class PolarView {
   drawScale(height) {
     const { context } = this;
     const metre = this.metresPerPixel();
-    const length = BARS.filter((m) => m / metre <= 140).pop() ?? 1;
+    const unit = display.isNautical ? 1852 : 1;
+    const length = unit * (BARS.filter((one) => (one * unit) / metre <= 140).pop() ?? 1);
     context.strokeStyle = colour("ink-soft");
     context.lineWidth = 2;
     context.beginPath();
@@ -336,7 +338,7 @@ export class PolarView {
     context.lineTo(11 + length / metre, height - 28);
     context.stroke();
     this.prepareText("left");
-    this.write(metres(length).replace(".0 ", " "), 16, height - 22, "ink-soft");
+    this.write(distance(length).replace(".0 ", " "), 16, height - 22, "ink-soft");
   }
 
   metresPerPixel() {

@@ -1,7 +1,7 @@
 // Which scene the page shows, and since when or from which other scene changes count.
 
 import { byId } from "./dom.js";
-import { clock, counted, day, printable } from "./format.js";
+import { clock, counted, day, printable, zone } from "./format.js";
 
 const HOUR_S = 3600;
 const HOURS = 12; // full hours that can be chosen
@@ -29,7 +29,7 @@ export class Scenes {
     }
     const text = JSON.stringify(scenes);
     if (text !== this.known) this.list(scenes);
-    this.known = text;
+    [this.known, this.last] = [text, scenes];
     byId("scenes").hidden = false;
   }
 
@@ -42,12 +42,17 @@ export class Scenes {
     this.offer(scenes);
   }
 
+  // In another zone.
+  relabel() {
+    if (this.last) this.list(this.last);
+  }
+
   offer(scenes) {
     const now = Date.now() / 1000;
     const hours = Array.from({ length: HOURS }, (_, n) => (Math.floor(now / HOUR_S) - n) * HOUR_S);
     const parent = scenes.find(({ scene }) => scene === this.shown)?.branch_of ?? null;
     const others = scenes.map(({ scene }) => scene).filter((scene) => scene !== this.shown).sort((a, b) => (b === parent) - (a === parent));
-    const times = [...hours.map((t) => [`${clock(t, false)} UTC${day(t) === day(now) ? "" : ", yesterday"}`, t]), ...FURTHER.map(([name, s]) => [name, now - s])];
+    const times = [...hours.map((t) => [`${clock(t, false)} ${zone(t)}${day(t) === day(now) ? "" : ", yesterday"}`, t]), ...FURTHER.map(([name, s]) => [name, now - s])];
     const ofTimes = times.map(([label, t]) => ({ label, t }));
     const ofScenes = others.map((scene) => ({ label: `scene ${printable(scene)}${scene === parent ? ", its parent" : ""}`, scene }));
     const before = byId("compare").selectedOptions[0]?.text;
@@ -62,6 +67,34 @@ export class Scenes {
     byId("compare").replaceChildren(options[0], group("As known at", options.slice(1, 1 + ofTimes.length)),
       ...(ofScenes.length ? [group("Compared with", options.slice(1 + ofTimes.length))] : []));
     for (const option of options) option.selected = option.text === before;
+  }
+
+  // Says what may be done with a branch; parent: the scene that it is a branch of, or null. Merging and dropping wait for a second click.
+  showBranch(parent, mayEdit) {
+    byId("branch").hidden = parent === null || !mayEdit;
+    for (const [id, text] of [["merge", `Merge into ${printable(parent ?? "")}`], ["drop", "Drop"]]) {
+      byId(id).textContent = text;
+      byId(id).onclick = () => this.sure(id, text, parent);
+      byId(id).onblur = () => { byId(id).textContent = text; };
+    }
+  }
+
+  async sure(id, text, parent) {
+    const button = byId(id);
+    if (button.textContent === text) {
+      button.textContent = `${text}: sure?`;
+      return;
+    }
+    byId("branch-said").textContent = "";
+    this.source.isLeft = true; // what it says of a branch that goes is not shown
+    try {
+      await this.source.branch(id);
+      this.on.open(parent);
+    } catch (error) {
+      this.source.isLeft = false;
+      button.textContent = text;
+      byId("branch-said").textContent = `Not done: ${printable(error.message)}.`;
+    }
   }
 
   // Nothing is compared any more.

@@ -3,6 +3,7 @@
 
 import { element } from "./dom.js";
 import { apartDuring, bandAt, bandsOf, LAYERS } from "./heights.js";
+import { display } from "./display.js";
 import { clock, grouped, labelOf, metres, printable } from "./format.js";
 import { wayOf } from "./way.js";
 import { colour, font, theme } from "./theme.js";
@@ -17,7 +18,7 @@ const AXIS = 16; // of metres along a track
 const MARGIN = 0.06; // of heights, above and below
 const PARTS = 48; // of a leg, along a track that turns or waits
 
-const nameOf = ({ key }) => labelOf({ key, name: null }); // as the list and the timeline have it
+const nameOf = ({ key }) => labelOf({ key, name: null }); // by its key, which is short
 const whenOf = (span) => [...new Set(span.map((t) => clock(t, false)))].join(" – ");
 const scaled = (m) => (Number.isFinite(m) ? Math.asinh(m / ROUND_M) : m);
 
@@ -254,16 +255,17 @@ export class SideView {
     if (this.isAlong) this.drawWay(context, width);
   }
 
-  // Kilometres from the start of the track.
+  // Nautical miles, or kilometres, from the start of the track.
   drawWay(context, width) {
-    const whole = this.way(this.scene.subject.end) / 1000;
+    const [unitM, unit] = display.isNautical ? [1852, "nmi"] : [1000, "km"];
+    const whole = this.way(this.scene.subject.end) / unitM;
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((one) => (one / (whole || 1)) * this.timeline.width() >= 64) ?? 10_000;
     context.textAlign = "center";
     context.fillStyle = colour("ink-soft");
-    for (let km = 0; km <= whole; km += step) {
-      const text = `${Number(km.toFixed(1))} km`;
+    for (let far = 0; far <= whole; far += step) {
+      const text = `${Number(far.toFixed(1))} ${unit}`;
       const half = context.measureText(text).width / 2;
-      context.fillText(text, Math.min(width - half, this.timeline.left + (km / whole) * this.timeline.width()), this.foot + AXIS / 2 + 2);
+      context.fillText(text, Math.min(width - half, this.timeline.left + (far / whole) * this.timeline.width()), this.foot + AXIS / 2 + 2);
     }
   }
 

@@ -45,6 +45,7 @@ export function seenAround([west, south, east, north]) {
 
 export class ServerSource {
   isLive = true;
+  isLeft = false; // for another scene
 
   // Of a scene of the server's database; null: the one that it shows first.
   constructor(name = null) {
@@ -77,7 +78,7 @@ export class ServerSource {
     return (await answered(requested(this.at("api/conflicts")))).arrayBuffer();
   }
 
-  // How deep conflicts undercut the required separation: [[id, metres, Unix seconds or null], …].
+  // The conflicts, the worst first: [[id, Unix seconds, words, metres], …] (Model.takeRanked).
   async depths() {
     return (await answered(fetch(this.at("api/depths")))).json();
   }
@@ -145,9 +146,24 @@ export class ServerSource {
     return this.write("api/acknowledge", { a, b, reason });
   }
 
-  // Stores a moved plan: { key, plan (its digest), later_us, up_m, branch }. Returns the digest of what is stored.
+  // Stores a moved plan: { key, plan (its digest), branch, and later_us, up_m, waypoint of a track, or shift_deg, starts_us, ends_us of an area }. Returns the digest of what is stored.
   async move(what) {
     return (await (await this.write("api/move", what)).json()).plan;
+  }
+
+  // An object as a feature of a scene file, and its digest: { feature, plan }.
+  async plan(key) {
+    return (await answered(fetch(this.at("api/plan", { key })))).json();
+  }
+
+  // Who owns an object and those that it is in conflict with, by key.
+  async owners(key) {
+    return (await answered(fetch(this.at("api/owners", { key })))).json();
+  }
+
+  // Merges this branch into its parent, or drops it: "merge" or "drop".
+  branch(does) {
+    return this.write("api/branch", { does });
   }
 
   // The conflicts of a moved plan, which is not stored: [[other, verdict, error, periods], …].
@@ -210,6 +226,6 @@ export class ServerSource {
       state(false);
       wasLost = true;
     });
-    for (const what of ["objects", "conflicts"]) events.addEventListener(what, () => told(what));
+    for (const what of ["objects", "conflicts"]) events.addEventListener(what, () => { if (!this.isLeft) told(what); });
   }
 }

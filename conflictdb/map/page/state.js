@@ -17,6 +17,7 @@ export class State {
     this.changes = null; // since then: { conflicts, text } (changes.js)
     this.showsChanges = false; // rather than all conflicts
     this.selected = null; // the key of an object
+    this.hues = null; // keys of objects that keep the colours of a pair while a plan is moved, or null
     this.plan = null; // of a track that departs at another time: { key, laterUs, conflicts } (what_if.js)
   }
 
@@ -25,7 +26,7 @@ export class State {
   takeAll(scene, areas, tracks, outlines, conflicts) {
     const model = new Model(scene);
     model.takeObjects(areas, tracks, outlines);
-    if (this.model) model.depths = this.model.depths; // until they are read again
+    if (this.model) model.ranked = this.model.ranked; // until it is read again
     model.takeConflicts(conflicts);
     [this.model, this.version] = [model, scene.version];
     this.findChanges();
@@ -38,8 +39,8 @@ export class State {
     this.findChanges();
   }
 
-  takeDepths(depths) {
-    this.model.takeDepths(depths);
+  takeRanked(ranked) {
+    this.model.takeRanked(ranked);
   }
 
   findChanges() {
@@ -73,11 +74,12 @@ export class State {
 
   // --- the instant ---------------------------------------------------------------------------------------------------
 
-  // Where the worst conflict is deepest, or else the first contact of all, or where the scene begins.
+  // At the first conflict of the list: where most of its separation is missing, or else where it begins; or where the scene begins.
   moveToWorst() {
     const { conflicts, tracks, span } = this.model;
-    const [worst] = worstFirst(conflicts.filter(({ start, deepest }) => Number.isFinite(deepest ?? start)));
-    this.t = worst?.deepest ?? worst?.start ?? (tracks.length ? span[0] : Date.now() / 1000);
+    const [worst] = worstFirst(conflicts);
+    const at = [worst?.deepest ?? null, worst?.start ?? null, worst?.end ?? null].find((t) => t !== null && Number.isFinite(t));
+    this.t = at ?? (tracks.length ? span[0] : Date.now() / 1000);
   }
 
   // An instant, or the nearest that the scene has.
@@ -133,6 +135,16 @@ export class State {
     this.chosen = conflict;
   }
 
+  // The keys of objects A and B, which have colours of their own.
+  pair() {
+    const { chosen, hues } = this;
+    return chosen ? [chosen.a, chosen.b] : hues ?? [];
+  }
+
+  hueOf(key) {
+    return this.pair()[1] === key ? "b" : "a";
+  }
+
   // The track that the side view is about: of the chosen pair, or else the selected object; null: none.
   subject() {
     const { chosen, model } = this;
@@ -167,6 +179,7 @@ export class State {
   flags() {
     const { model, chosen, t, hiddenObjects, hiddenConflicts } = this;
     const heights = chosen && model.heightsOf(chosen);
+    const pair = this.pair();
     return (one) => {
       if (one.key === undefined) {
         const isChosen = one.id === chosen?.id;
@@ -175,7 +188,7 @@ export class State {
           on: this.isOn(one), hidden: isApart || hiddenConflicts.has(one.id), chosen: isChosen, dim: chosen !== null && !isChosen,
         };
       }
-      const [a, b] = [one.key === chosen?.a, one.key === chosen?.b];
+      const [a, b] = [one.key === pair[0], one.key === pair[1]];
       return {
         on: isThere(one, t), hidden: hiddenObjects.has(one.key),
         chosen: a || b, dim: chosen !== null && !a && !b, a, b,

@@ -15,10 +15,12 @@ function stored() {
 
 let choice = CHOICES.includes(stored()) ? stored() : "system";
 
+let isOnPaper = false;
+const shown = () => (!isOnPaper && (choice === "dark" || (choice === "system" && dark.matches)) ? "dark" : "light");
+
 function apply() {
   known.clear();
-  const isDark = choice === "dark" || (choice === "system" && dark.matches);
-  document.documentElement.dataset.theme = isDark ? "dark" : "light";
+  document.documentElement.dataset.theme = shown();
   for (const listener of heard) listener();
 }
 
@@ -34,6 +36,13 @@ export const theme = {
       // It holds for this visit.
     }
     apply();
+  },
+  // Paper is light.
+  forPaper(isPaper) {
+    if (isOnPaper === isPaper) return;
+    const was = document.documentElement.dataset.theme;
+    isOnPaper = isPaper;
+    if (was !== shown()) apply();
   },
   onChange(listener) {
     heard.add(listener);

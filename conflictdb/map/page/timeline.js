@@ -2,13 +2,13 @@
 // the calendar and the slider: of all the time there is, or of a part of it.
 
 import { ticks } from "./calendar.js";
-import { duration, grouped, moment, period, printable } from "./format.js";
+import { duration, grouped, moment, period, zone } from "./format.js";
 import { lasting } from "./model.js";
+import { fitted, fittedPair, namesOf } from "./pair_names.js";
 import { colour, font, theme } from "./theme.js";
 
 const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale; on the left are names (`left`)
-const GUTTERS = [112, 188]; // room for names, on a narrow and on a wide page
-const NARROW_PX = 560;
+const GUTTERS = [[0, 128], [400, 176], [700, 240], [900, 280]]; // room for names, from so wide a page on
 const ROW = 16; // height of a row
 const TOP = 4;
 const MOST_ROWS = 40;
@@ -35,6 +35,7 @@ export class Timeline {
     Object.assign(this, { view, axis, tip, grouping });
     this.rows = []; // { texts, conflicts }
     this.brush = null; // the instants that the filter leaves, [from, to]
+    this.objects = new Map();
     this.slider = slider;
     this.buttons = buttons;
     this.size = { width: 0, height: 0, foot: 0 }; // of the canvases, pixels: to measure them takes a layout of the page
@@ -141,12 +142,12 @@ export class Timeline {
   // Says what is on at the instant that is shown, also to readers of the screen: for those who move it by keys.
   hintNow() {
     const on = (this.conflicts ?? []).filter((one) => this.isOn(one));
-    const named = on.slice(0, MOST_NAMED).map(({ a, b }) => `${printable(a)} and ${printable(b)}`);
+    const named = on.slice(0, MOST_NAMED).map((one) => namesOf(one, this.objects).join(" and "));
     if (on.length > MOST_NAMED) named.push(`${grouped(on.length - MOST_NAMED)} more`);
-    const said = on.length === 0 ? null : on.length === 1 ? hintOf(on[0]) : [`${grouped(on.length)} at once`, named.join("; ")];
+    const said = on.length === 0 ? null : on.length === 1 ? hintOf(on[0], this.objects) : [`${grouped(on.length)} at once`, named.join("; ")];
     const { left, top } = this.view.getBoundingClientRect();
     this.say(said, left + this.x(this.t), top);
-    this.slider.setAttribute("aria-valuetext", [`${moment(this.t)} UTC`, ...(said ?? ["nothing is on"])].join(", "));
+    this.slider.setAttribute("aria-valuetext", [`${moment(this.t)} ${zone(this.t)}`, ...(said ?? ["nothing is on"])].join(", "));
   }
 
   // Shows a title and a text above a place of the page; null hides them.
@@ -165,10 +166,10 @@ export class Timeline {
   hintAt(event) {
     if (this.isDense) {
       const n = event.offsetX < this.left ? undefined : this.density[Math.floor(event.offsetX)];
-      return n === undefined ? null : [`${grouped(n)} at once`, `${moment(this.timeAt(event.offsetX))} UTC`];
+      return n === undefined ? null : [`${grouped(n)} at once`, `${moment(this.timeAt(event.offsetX))} ${zone(this.t)}`];
     }
     const conflict = this.barAt(event);
-    return conflict && hintOf(conflict);
+    return conflict && hintOf(conflict, this.objects);
   }
 
   // Whether a conflict is on at the instant that is shown.
@@ -252,17 +253,18 @@ export class Timeline {
 
   // Takes what the filter leaves, and all the time there is; what is shown of it stays, unless it was all.
   // brush: the instants that the filter leaves, [from, to], or null.
-  take(conflicts, span, brush) {
+  take(conflicts, span, brush, objects) {
     this.brush = brush;
     const wasAll = this.shown[0] === this.span[0] && this.shown[1] === this.span[1];
     this.span = span;
     this.conflicts = conflicts;
+    this.objects = objects;
     this.show(wasAll ? span : this.shown);
   }
 
   // Where the scale begins, pixels.
   get left() {
-    return this.size.width < NARROW_PX ? GUTTERS[0] : GUTTERS[1];
+    return GUTTERS.findLast(([from]) => this.size.width >= from)[1];
   }
 
   width() {
@@ -296,8 +298,9 @@ export class Timeline {
       rows.get(name).conflicts.push(conflict);
     };
     for (const conflict of seen) {
-      if (isByObject) for (const key of [conflict.a, conflict.b]) add(key, [key], conflict);
-      else add(conflict, [conflict.a, conflict.b], conflict);
+      const names = namesOf(conflict, this.objects);
+      if (isByObject) [conflict.a, conflict.b].forEach((key, n) => add(key, [names[n]], conflict));
+      else add(conflict, names, conflict);
     }
     this.isDense = rows.size > MOST_ROWS;
     this.rows = this.isDense ? [] : [...rows.values()];
@@ -365,7 +368,7 @@ export class Timeline {
     }
     this.reveal(t);
     this.slider.value = t;
-    this.slider.setAttribute("aria-valuetext", `${moment(t)} UTC`);
+    this.slider.setAttribute("aria-valuetext", `${moment(t)} ${zone(t)}`);
     this.drawInstant();
   }
 
@@ -479,14 +482,16 @@ export class Timeline {
     }
   }
 
-  // The name of a row, each key cut to its share of the room.
+  // The name of a row, each part cut to its share of the room.
   drawName(context, { texts }, y) {
     const room = this.left - 14;
     const between = texts.length > 1 ? " · " : "";
     const rest = room - context.measureText(between).width;
-    const wide = texts.map((text) => context.measureText(printable(text)).width);
+    const widthOf = (text) => context.measureText(text).width;
+    const wide = texts.map(widthOf);
     const least = Math.min(...wide, rest / texts.length);
-    const cut = texts.map((text, n) => fitted(context, printable(text), wide.length > 1 && wide[n] > least ? Math.max(rest / 2, rest - Math.min(...wide)) : rest));
+    const rooms = wide.map((own) => (wide.length > 1 && own > least ? Math.max(rest / 2, rest - Math.min(...wide)) : rest));
+    const cut = texts.length > 1 ? fittedPair(widthOf, texts, rooms) : [fitted(widthOf, texts[0], rest)];
     context.fillText(cut.join(between), this.left - 8, y);
   }
 
@@ -529,23 +534,9 @@ export class Timeline {
 }
 
 // A title and a text on a conflict.
-function hintOf(conflict) {
+function hintOf(conflict, objects) {
   const lasts = lasting(conflict);
   const count = conflict.periods.length > 1 ? `, ${conflict.periods.length} periods` : "";
   const long = Number.isFinite(lasts) ? ` · ${duration(lasts)}${count}` : "";
-  return [`${printable(conflict.a)} and ${printable(conflict.b)}`, `${period(conflict.start, conflict.end, null)}${long} · ${conflict.verdict}`];
-}
-
-// A text, cut in its middle to a width: keys of one kind differ at their ends.
-function fitted(context, text, room) {
-  if (context.measureText(text).width <= room) return text;
-  const signs = [...text]; // half of a surrogate pair is none
-  const cut = (n) => `${signs.slice(0, Math.ceil(n / 2)).join("")}…${signs.slice(signs.length - Math.floor(n / 2)).join("")}`;
-  let [low, high] = [0, signs.length];
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (context.measureText(cut(middle)).width <= room) low = middle;
-    else high = middle;
-  }
-  return cut(low);
+  return [namesOf(conflict, objects).join(" and "), `${period(conflict.start, conflict.end, null)}${long} · ${conflict.verdict}`];
 }
