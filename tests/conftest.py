@@ -43,6 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[_SERVERS] = set()
     os.environ.pop("CONFLICTDB_DSN", None)
     os.environ.pop("CONFLICTDB_SCENE", None)
+    os.environ.pop("CONFLICTDB_TZ", None)
     os.environ["CONFLICTDB_HOME"] = str(run_home(config.stash[_RUN]))
     os.environ["XDG_STATE_HOME"] = f"{run_home(config.stash[_RUN])}-state"
 

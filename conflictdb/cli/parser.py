@@ -1,6 +1,7 @@
 """Parse commands, and define options of several commands. Imports no library, so that help is fast."""
 
 import argparse
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -216,6 +217,8 @@ def add_options(parser: argparse.ArgumentParser, *options: str) -> None:
             parser.add_argument(one, action="store_true", help=_FLAGS[one])
         else:
             value, default, metavar, text = _OPTIONS[one]
+            if one == "--tz":
+                default = os.environ.get("CONFLICTDB_TZ") or default  # checked as if it was given
             parser.add_argument(one, type=value, default=default, metavar=metavar, help=text)
 
 

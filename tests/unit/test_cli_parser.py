@@ -296,3 +296,17 @@ def test_a_map_is_parted_at_commas_outside_of_parentheses_and_quotes() -> None:
 def test_a_map_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="FIELD=COLUMN"):
         mapping(text)
+
+
+def test_the_zone_of_all_commands_is_set_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CONFLICTDB_TZ is the default of --tz, and checked like it; a program reads it once."""
+    monkeypatch.setenv("CONFLICTDB_TZ", "Europe/Copenhagen")
+    for words in (["delays"], ["resolve"], ["conflicts"]):
+        assert str(build("in a zone").parse_args(words).tz) == "Europe/Copenhagen"
+    assert str(build("in a zone").parse_args(["delays", "--tz", "UTC"]).tz) == "UTC"
+    monkeypatch.setenv("CONFLICTDB_TZ", "Nowhere/None")
+    with pytest.raises(SystemExit):
+        build("nowhere").parse_args(["delays"])
+    assert "must be a time zone such as Europe/Copenhagen; got 'Nowhere/None'" in capsys.readouterr().err

@@ -13,6 +13,7 @@ ENVIRONMENT: Final = {
     "CONFLICTDB_SCENE": "scene to use when there is no --scene; without either, the last one used in this database",
     "CONFLICTDB_HOME": "directory of the embedded database",
     "CONFLICTDB_PG_BIN": "the only directory to take PostgreSQL's programs from",
+    "CONFLICTDB_TZ": "default of --tz, a time zone such as Europe/Copenhagen",
     "CONFLICTDB_NO_DOWNLOAD": "1: never fetch PostgreSQL, use what is there",
 }
 
