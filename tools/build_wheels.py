@@ -48,7 +48,9 @@ def build_wheel(
     with tempfile.TemporaryDirectory() as made_in:
         library = Path(made_in) / build.LIBRARY
         of_tree = kernel_build_of(tree)
-        flags = ("-target", target.compiler, "-mcpu=baseline", "-s")
+        flags = ["-target", target.compiler, "-mcpu=baseline", "-s"]
+        if target.uname.startswith("Darwin"):  # else the library is named by the directory that it is made in
+            flags.append(f"-Wl,-install_name,@rpath/{build.LIBRARY}")
         of_tree.compile_with(compiler, library, *flags, platform=target.uname)
         # As hatch_build.py takes them.
         given = {"CONFLICTDB_WHEEL_LIBRARY": str(library), "CONFLICTDB_WHEEL_PLATFORM": target.wheel}

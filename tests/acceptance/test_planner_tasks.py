@@ -76,6 +76,13 @@ def test_2_what_changes_if_the_ferry_is_late(day: Run) -> None:
     assert times(day("conflicts", "--format", "json")) == DAY
 
 
+def test_3_what_changes_if_the_survey_moves_west(day: Run) -> None:
+    """All three of its conflicts change, and no other."""
+    changed = day("probe", "--move", "SURVEY-7", "2nmi", "270", "--diff", "--format", "json")
+    assert set(times(changed)) == {pair for pair in DAY if "SURVEY-7" in pair}
+    assert {row["change"] for row in changed.json} == {"changed"}
+
+
 def test_4_a_lane_with_a_separation_and_a_submarine_below(run: Run) -> None:
     found = run("detect", TASKS / "lane2.geojson", "--format", "json")
     assert list(times(found)) == [("SHIP-2", "SHIP-3")]
@@ -155,8 +162,9 @@ def test_11_the_best_departures_of_a_morning_with_a_margin(day: Run) -> None:
 
 def test_12_two_ferries_exchange_their_times(day: Run, tmp_path: Path) -> None:
     """By one command, with the answer of a detection of the changed file."""
+    probed = times(day("probe", "--swap", "FERRY NORTH", "FERRY SOUTH", "--format", "json"))
     late = ("--late", "FERRY NORTH", "1h", "--late", "FERRY SOUTH", "-1h")
-    probed = times(day("probe", *late, "--format", "json"))
+    assert times(day("probe", *late, "--format", "json")) == probed
     starts = {"FERRY_NORTH": {"start": "2026-12-01T07:00:00Z"}, "FERRY_SOUTH": {"start": "2026-12-01T06:00:00Z"}}
     file = rewritten(tmp_path / "exchanged.geojson", **starts)
     detected = times(day("detect", file, "--scene", "exchanged", "--format", "json"))
@@ -203,6 +211,8 @@ def test_16_try_a_change_in_a_branch_compare_and_merge(day: Run, tmp_path: Path)
         ("EK D 382", "FERRY NORTH"),
         ("FERRY NORTH", "FERRY SOUTH"),
     }
+    for clock in ("07:17:49", "07:37:49"):
+        assert clock in day("branch", "diff", "trial").out, "old and new times are side by side"
     assert day("branch", "merge", "trial").code == 0
     merged = times(day("detect", "--scene", "skagerrak", "--format", "json"))
     assert merged["FERRY NORTH", "FERRY SOUTH"] == ("08:29:32", "08:31:53")
@@ -219,6 +229,30 @@ def test_17_a_missing_time_is_refused(run: Run, tmp_path: Path) -> None:
     assert "FERRY NORTH" in line
     assert "start" in line
     assert "no scenes" in run("scenes").out
+
+
+@pytest.mark.parametrize(
+    ("mistake", "told"),
+    [
+        ({"swapped": True}, "'FERRY NORTH': lies "),
+        ({"speed_kn": 180}, "'FERRY NORTH': travels at "),
+        ({"start": "2062-12-01T06:00:00Z"}, "'FERRY NORTH': begins on 2062-12-01"),
+    ],
+)
+def test_17_mistakes_load_with_a_remark(run: Run, tmp_path: Path, mistake: dict[str, Any], told: str) -> None:
+    """One line names the object and how far it is from the rest; another says what came."""
+    scene = json.loads((TASKS / "day.geojson").read_text())
+    ferry = scene["features"][2]
+    if "swapped" in mistake:
+        ferry["geometry"]["coordinates"] = [[y, x] for x, y in ferry["geometry"]["coordinates"]]
+    else:
+        ferry["properties"] |= mistake
+    (tmp_path / "mistake.geojson").write_text(json.dumps(scene))
+    done = run("load", tmp_path / "mistake.geojson")
+    assert done.code == 0
+    assert len([line for line in done.err.splitlines() if told in line]) == 1, done.err
+    assert "2 areas" in done.out + done.err
+    assert "4 tracks" in done.out + done.err
 
 
 def test_18_which_vessels_pass_through_closed_boxes(run: Run, tmp_path: Path) -> None:
