@@ -49,7 +49,10 @@ def probe(args: argparse.Namespace) -> int:
             ),
             (args.path is not None and args.times is None, "--path needs --times, one for each waypoint"),
             (args.path is None and args.times is not None, "--times is for --path"),
-            (args.path is None and args.haven is not None, "--haven is for --path"),
+            (not args.files and args.path is None and args.haven is not None, "--haven is for files and --path"),
+            (not args.files and args.departure is not None, "--departure is for files"),
+            (not args.files and args.speed_kn is not None, "--speed-kn is for files"),
+            (not args.files and args.time_zone is not None, "--time-zone is for files"),
             (args.footprint is None and (args.start or args.end) is not None, "--from and --to are for --footprint"),
             (is_known and args.key is not None, "--key is for --footprint and --path"),
             (is_known and args.object_class is not None, "--class is for --footprint and --path"),
@@ -131,9 +134,14 @@ def _of_files(args: argparse.Namespace, scene: Scene) -> list[Area | Track]:
     # Imported here, so that usage errors are fast.
     from conflictdb.formats.contents import without_objects
     from conflictdb.formats.gather import gather
+    from conflictdb.formats.hints import FileHints
 
     plans: list[Area | Track] = []
-    for read in gather(args.files, "plans", settings_of=lambda name: scene):
+    haven_m = None if args.haven is None else tuple(args.haven.values())
+    zone = args.time_zone and str(args.time_zone)
+    hints = FileHints(time_zone=zone, haven_m=haven_m, departure=args.departure, speed_kn=args.speed_kn)
+    hints_given = None if hints == FileHints() else hints
+    for read in gather(args.files, "plans", settings_of=lambda name: scene, hints=hints_given):
         remark_read(read.skipped, read.remarks)
         if not (read.areas or read.tracks):
             raise without_objects("file", read.sources[0], read.skipped)

@@ -884,3 +884,21 @@ def test_plans_move_swap_and_depart_later_in_one_question(strait: Run) -> None:
         done = strait("probe", *wrong)
         assert done.code not in (0, 2), done.err
         assert len(done.err.splitlines()) == 1, done.err
+
+
+def test_probe_reads_a_route_with_the_options_of_load(strait: Run, tmp_path: Path) -> None:
+    """A route of a plotter has no times and no size; the probe is that of a detection with the loaded file."""
+    path = tmp_path / "route.gpx"
+    points = "".join(f'<rtept lat="{lat}" lon="{lon}"/>' for lon, lat in ((9.95, 57.62), (8.9, 57.9), (8.05, 58.07)))
+    path.write_text(
+        f'<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte><name>R</name>{points}</rte></gpx>'
+    )
+    options = ("--departure", "2026-06-01T07:00:00Z", "--speed-kn", "18", "--haven", "500,500,300,300")
+    probed = strait("probe", path, *options, "--format", "json").json
+    assert probed
+    strait("load", path, "--scene", "strait", *options)
+    found = strait("detect", "--format", "json", "--no-region").json
+    keys = {one["plans"][0] for one in probed}
+    periods = {(row["a_key"], row["b_key"]): row["periods"] for row in found if keys & {row["a_key"], row["b_key"]}}
+    assert periods == {(row["a_key"], row["b_key"]): row["periods"] for row in probed}
+    assert strait("probe", "--late", "FERRY", "20m", "--speed-kn", "18").code == 2

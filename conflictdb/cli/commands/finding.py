@@ -25,9 +25,11 @@ from conflictdb.cli.values import (
     level,
     metres,
     name,
+    speed_kn,
     time,
     time_or_age,
     weight,
+    zone,
 )
 from conflictdb.model.settings import STORED_BY_DETECT
 
@@ -174,8 +176,11 @@ def _add_questions(commands: Any) -> None:
         "--times", type=instants, metavar="TIME,…", help="time at each waypoint of --path, parted by commas"
     )
     parser.add_argument(
-        "--haven", type=haven, metavar="FORE,AFT,PORT,STARBOARD", help="haven of --path: distances (default: a point)"
+        "--haven", type=haven, metavar="FORE,AFT,PORT,STARBOARD", help="haven of --path, or of tracks without a size"
     )
+    parser.add_argument("--departure", type=instant, metavar="TIME", help="departure of routes without times")
+    parser.add_argument("--speed-kn", type=speed_kn, metavar="SPEED", help="speed of routes without speeds")
+    parser.add_argument("--time-zone", type=zone, metavar="ZONE", help="time zone of times without offset in files")
     parser.add_argument(
         "--floor-m", type=height, metavar="HEIGHT", help="lowest height of the plan (default: unbounded)"
     )
