@@ -249,7 +249,7 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
         ]
         for one in scenes
     ]
-    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"])
+    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"], extra=["RUN", "FINISHED (UTC)"])
 
 
 def _result(scene: "SceneStatus") -> str:

@@ -7,13 +7,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from io import StringIO
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from patience import WAIT_S
 
 from conflictdb import Conflict
 from conflictdb.cli import meter, output, tables
-from conflictdb.cli.load_report import conflict_table
+from conflictdb.cli.load_report import conflict_table, scene_table
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Kind, Verdict
 
@@ -195,3 +196,17 @@ def test_a_key_cannot_colour_anything(terminal: Callable[[int], tuple[Terminal, 
     assert "\\ue000evil\\ue00f\\x1b[2J" in out.getvalue()
     assert out.getvalue().count(RED) == 1
     assert "\033[2J" not in out.getvalue()
+
+
+def test_a_scene_is_one_line_of_eighty_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run and time go first, and are named below."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(tables, "_room", lambda: 80)
+    one: Any = SimpleNamespace(
+        scene=SimpleNamespace(name="a scene with a long name"), areas=120, tracks=4000, pending=0, conflicts=123_456,
+        run_id=12_345, finished_at=START, error=None, branch_of="skagerrak tomorrow",
+    )  # fmt: skip
+    lines = scene_table([one, one]).splitlines()
+    assert len(lines) == 4
+    assert max(map(len, lines)) <= 80
+    assert lines[-1] == "(no room for RUN, FINISHED (UTC))"
