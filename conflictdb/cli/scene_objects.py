@@ -1,12 +1,13 @@
 """`load`, `export`, `scenes`, `objects`, `rename`, `copy` and `delete`."""
 
 import argparse
+import shlex
 from dataclasses import asdict
 from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
-from conflictdb.cli.output import binary, data, line, out, print_json, remark, warnings_as_remarks
+from conflictdb.cli.output import as_called, binary, data, line, out, print_json, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
@@ -113,7 +114,8 @@ def objects(args: argparse.Namespace) -> int:
         ]
         for one in found
     ]
-    out(table(header, lines, right=header[5:7], whole=header[3:5]) if found else "no objects")
+    empty = as_called(f"no objects: `conflictdb load FILE --scene {shlex.quote(args.scene)}` brings some")
+    out(table(header, lines, right=header[5:7], whole=header[3:5]) if found else empty)
     return DONE
 
 

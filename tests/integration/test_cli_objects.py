@@ -300,6 +300,7 @@ def test_settings_without_objects_empty_a_scene_only_if_it_is_replaced(run: Run,
     assert run("export", "--scene", "strait", "-").json["scene"]["tolerance_m"] == 7
     assert run("load", path, "--replace").out == "strait: 0 added, 0 updated, 11 removed, 0 unchanged\n"
     assert keys(dsn) == set()
+    assert "load FILE --scene strait` brings some" in run("objects", "--scene", "strait").out
 
 
 def test_detect_says_what_it_loaded(run: Run, tmp_path: Path) -> None:
