@@ -33,6 +33,19 @@ SEQUENCE track_track_id_seq;
 
 SEQUENCE version_seq;
 
+TABLE position (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
 TABLE acknowledgement (
     acknowledgement_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
@@ -238,6 +251,40 @@ TABLE history (
     pruned_at timestamp with time zone NOT NULL
 );
 
+TABLE live_conflict (
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    other_key text COLLATE C NOT NULL,
+    verdict text NOT NULL,
+    reason text,
+    first_contact timestamp with time zone,
+    last_contact timestamp with time zone,
+    place geometry(Point,4326),
+    alarm_id bigint NOT NULL,
+    opened_at timestamp with time zone NOT NULL,
+    acknowledged_by text,
+    acknowledged_at timestamp with time zone,
+    acknowledged_for text,
+    as_of timestamp with time zone NOT NULL
+);
+
+TABLE live_state (
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    state text NOT NULL,
+    late_from_s double precision,
+    late_to_s double precision,
+    off_m double precision,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL,
+    seen_from_s double precision,
+    seen_to_s double precision,
+    slack_s double precision,
+    as_of timestamp with time zone NOT NULL
+);
+
 TABLE object_key (
     scene_id bigint NOT NULL,
     key text COLLATE C NOT NULL,
@@ -275,6 +322,115 @@ TABLE piece (
     climb double precision[],
     class_number bigint NOT NULL DEFAULT 0,
     owner_number bigint NOT NULL DEFAULT 0
+);
+
+TABLE position_0 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_1 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_2 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_3 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_4 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_5 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_6 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_7 (
+    scene text NOT NULL,
+    key text COLLATE C NOT NULL,
+    instant timestamp with time zone NOT NULL,
+    place geometry(Point,4326) NOT NULL,
+    height_m double precision,
+    error_m double precision NOT NULL DEFAULT 10,
+    scene_id bigint NOT NULL,
+    received_at timestamp with time zone NOT NULL DEFAULT clock_timestamp(),
+    transaction_id xid8 NOT NULL DEFAULT pg_current_xact_id(),
+    slot smallint NOT NULL DEFAULT ((floor((EXTRACT(epoch FROM clock_timestamp()) / (43200)::numeric)))::bigint % (8)::bigint)
+);
+
+TABLE position_look (
+    is_only boolean NOT NULL,
+    seen pg_snapshot NOT NULL
 );
 
 TABLE probe_reply (
@@ -636,6 +792,39 @@ VIEW limits (
     doc text
 );
 
+VIEW live (
+    scene text COLLATE C,
+    key text COLLATE C,
+    state text,
+    late_from_s double precision,
+    late_to_s double precision,
+    off_m double precision,
+    instant timestamp with time zone,
+    place geometry(Point,4326),
+    height_m double precision,
+    error_m double precision,
+    as_of timestamp with time zone,
+    slack_s double precision,
+    first_alarm timestamp with time zone
+);
+
+VIEW live_conflicts (
+    scene text COLLATE C,
+    alarm_id bigint,
+    key text COLLATE C,
+    other_key text COLLATE C,
+    verdict text,
+    reason text,
+    first_contact timestamp with time zone,
+    last_contact timestamp with time zone,
+    place geometry(Point,4326),
+    opened_at timestamp with time zone,
+    as_of timestamp with time zone,
+    acknowledged_by text,
+    acknowledged_at timestamp with time zone,
+    acknowledged_for text
+);
+
 VIEW map_areas (
     area_id bigint,
     scene text COLLATE C,
@@ -813,6 +1002,14 @@ CONSTRAINT edit_pkey ON edit: PRIMARY KEY (edit_id);
 CONSTRAINT edit_seal_pkey ON edit_seal: PRIMARY KEY (seal_id);
 CONSTRAINT history_pkey ON history: PRIMARY KEY (scene_id);
 CONSTRAINT history_scene_fkey ON history: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT live_conflict_contacts_ordered ON live_conflict: CHECK ((first_contact <= last_contact));
+CONSTRAINT live_conflict_pkey ON live_conflict: PRIMARY KEY (scene_id, key, other_key);
+CONSTRAINT live_conflict_scene_fkey ON live_conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT live_conflict_verdict_known ON live_conflict: CHECK ((verdict = ANY (ARRAY['now'::text, 'must'::text, 'may'::text])));
+CONSTRAINT live_state_known ON live_state: CHECK ((state = ANY (ARRAY['on plan'::text, 'late'::text, 'early'::text, 'off'::text, 'silent'::text, 'past its end'::text, 'not yet under way'::text])));
+CONSTRAINT live_state_late_ordered ON live_state: CHECK (((late_from_s <= late_to_s) AND (seen_from_s <= seen_to_s)));
+CONSTRAINT live_state_pkey ON live_state: PRIMARY KEY (scene_id, key);
+CONSTRAINT live_state_scene_fkey ON live_state: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT object_key_kind_known ON object_key: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT object_key_pkey ON object_key: PRIMARY KEY (scene_id, key);
 CONSTRAINT object_key_scene_fkey ON object_key: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -831,6 +1028,8 @@ CASE
 END));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
+CONSTRAINT position_look_one ON position_look: CHECK (is_only);
+CONSTRAINT position_look_pkey ON position_look: PRIMARY KEY (is_only);
 CONSTRAINT probe_reply_kind_known ON probe_reply: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, plan_key, key);
 CONSTRAINT probe_reply_request_fkey ON probe_reply: FOREIGN KEY (probe_id) REFERENCES probe_request(probe_id) ON DELETE CASCADE;
@@ -914,8 +1113,27 @@ CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (s
 CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_kind, other_id);
 CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
 CREATE INDEX edit_scene_btree ON conflictdb.edit USING btree (scene_id, edit_id);
+CREATE INDEX live_conflict_other_btree ON conflictdb.live_conflict USING btree (scene_id, other_key);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
+CREATE INDEX position_0_scene_id_key_instant_idx ON conflictdb.position_0 USING btree (scene_id, key, instant);
+CREATE INDEX position_0_transaction_id_idx ON conflictdb.position_0 USING btree (transaction_id);
+CREATE INDEX position_1_scene_id_key_instant_idx ON conflictdb.position_1 USING btree (scene_id, key, instant);
+CREATE INDEX position_1_transaction_id_idx ON conflictdb.position_1 USING btree (transaction_id);
+CREATE INDEX position_2_scene_id_key_instant_idx ON conflictdb.position_2 USING btree (scene_id, key, instant);
+CREATE INDEX position_2_transaction_id_idx ON conflictdb.position_2 USING btree (transaction_id);
+CREATE INDEX position_3_scene_id_key_instant_idx ON conflictdb.position_3 USING btree (scene_id, key, instant);
+CREATE INDEX position_3_transaction_id_idx ON conflictdb.position_3 USING btree (transaction_id);
+CREATE INDEX position_4_scene_id_key_instant_idx ON conflictdb.position_4 USING btree (scene_id, key, instant);
+CREATE INDEX position_4_transaction_id_idx ON conflictdb.position_4 USING btree (transaction_id);
+CREATE INDEX position_5_scene_id_key_instant_idx ON conflictdb.position_5 USING btree (scene_id, key, instant);
+CREATE INDEX position_5_transaction_id_idx ON conflictdb.position_5 USING btree (transaction_id);
+CREATE INDEX position_6_scene_id_key_instant_idx ON conflictdb.position_6 USING btree (scene_id, key, instant);
+CREATE INDEX position_6_transaction_id_idx ON conflictdb.position_6 USING btree (transaction_id);
+CREATE INDEX position_7_scene_id_key_instant_idx ON conflictdb.position_7 USING btree (scene_id, key, instant);
+CREATE INDEX position_7_transaction_id_idx ON conflictdb.position_7 USING btree (transaction_id);
+CREATE INDEX position_scene_id_key_btree ON ONLY conflictdb."position" USING btree (scene_id, key, instant);
+CREATE INDEX position_transaction_id_btree ON ONLY conflictdb."position" USING btree (transaction_id);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
 CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
 CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
@@ -951,6 +1169,16 @@ CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EA
 CREATE TRIGGER branch_edit_edits_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_branch_edits();
 CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb."position" FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_inserted AFTER INSERT ON conflictdb."position" REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_positions();
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_0 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_1 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_2 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_3 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_4 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_5 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_6 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
+CREATE TRIGGER position_before BEFORE INSERT ON conflictdb.position_7 FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
 CREATE TRIGGER proposal_updated BEFORE UPDATE OF applied_at, undone_at ON conflictdb.proposal FOR EACH ROW EXECUTE FUNCTION _before_proposal_update();
 CREATE TRIGGER proposal_left_made BEFORE INSERT ON conflictdb.proposal_left FOR EACH ROW EXECUTE FUNCTION _before_proposal_part() -- always;
@@ -986,6 +1214,9 @@ CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH 
 CREATE TRIGGER track_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('1', 'track_id') -- replicas;
 CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
 
+FUNCTION _acknowledge_alarm(p_scene_id bigint, p_a_key text, p_b_key text, p_reason text, p_by text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _acknowledger(p_user text, p_given_name text)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1020,6 +1251,9 @@ FUNCTION _after_branch_edit()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_object_change()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _after_positions()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_replicated_object()
@@ -1179,7 +1413,7 @@ FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _branch_conflicts(p_branch text)
-    RETURNS TABLE(change text, a_key text, b_key text, verdict text, verdict_before text) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+    RETURNS TABLE(change text, a_key text, b_key text, verdict text, verdict_before text, ends timestamp with time zone[], ends_before timestamp with time zone[]) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _branch_edit_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1490,6 +1724,9 @@ FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _follow(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text, OUT slack_us bigint, OUT by_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint, OUT other_high_us bigint)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
 FUNCTION _follow_attachment(p_attachment_id bigint, p_waits boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1607,6 +1844,9 @@ FUNCTION _instant_text(p_at timestamp with time zone)
 FUNCTION _instants_of(p_instants jsonb)
     RETURNS timestamp with time zone[] LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _interval_set(p_name text, p_default interval, p_most interval)
+    RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1709,6 +1949,9 @@ FUNCTION _known_limits()
 FUNCTION _last_run_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _lateness(p_scene_id bigint, p_keys text[], OUT key text, OUT track_id bigint, OUT low_us bigint, OUT high_us bigint, OUT is_known boolean)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1733,6 +1976,15 @@ FUNCTION _lift_limits(p_lock_timeout_s double precision)
 FUNCTION _limit(p_limit text)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _live(p_scene text, OUT key text, OUT state text, OUT late_from_s double precision, OUT late_to_s double precision, OUT off_m double precision, OUT instant timestamp with time zone, OUT lon_deg double precision, OUT lat_deg double precision, OUT height_m double precision, OUT error_m double precision, OUT as_of timestamp with time zone, OUT slack_s double precision, OUT first_alarm timestamp with time zone)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _live_conflicts(p_scene text, OUT alarm_id bigint, OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_contact timestamp with time zone, OUT last_contact timestamp with time zone, OUT lon_deg double precision, OUT lat_deg double precision, OUT opened_at timestamp with time zone, OUT as_of timestamp with time zone)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _live_states(p_scene_id bigint, p_keys text[], OUT key text, OUT state text, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision, OUT seen_from_s double precision, OUT seen_to_s double precision, OUT off_m double precision)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint, OUT stored bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
@@ -1747,6 +1999,9 @@ FUNCTION _longest_time_s(p_scene_id bigint)
 
 FUNCTION _longest_voyage_s(p_path geometry, p_tolerances jsonb)
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _lonlat(p_place geometry, OUT lon double precision, OUT lat double precision)
+    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, spans_s double precision[], west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1793,6 +2048,9 @@ FUNCTION _may_expand()
 FUNCTION _may_have_triggers(p_table oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _may_look()
+    RETURNS boolean LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1838,6 +2096,9 @@ FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_cent
 FUNCTION _need_schedules(p_scene_id bigint, p_keys text[])
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _new_positions(OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision)
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1860,6 +2121,9 @@ FUNCTION _notify(p_channel text, p_payload text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _notify_alarm(p_scene text, p_kind text, p_alarm_id bigint, p_key text, p_other_key text, p_verdict text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
@@ -1888,6 +2152,9 @@ FUNCTION _oldest_editor(p_snapshot pg_snapshot)
 
 FUNCTION _on_map(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _open_alarms(p_scene_id bigint, p_keys text[], p_now_us bigint, OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _open_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -1931,6 +2198,9 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _period_ends(p_periods tstzmultirange)
+    RETURNS timestamp with time zone[] LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1961,6 +2231,9 @@ FUNCTION _plans_of(p_plans jsonb)
 FUNCTION _point_of(p_degrees double precision[])
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _position_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _positions(p_geometry geometry, p_are_closed boolean)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1985,16 +2258,25 @@ FUNCTION _protected_tables()
 FUNCTION _prune(p_scene_id bigint, p_kept interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=off SET enable_seqscan=off SET jit=off;
 
+FUNCTION _prune_positions()
+    RETURNS integer LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _prune_probes()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _prune_sometimes(p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _put_alarms(p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[], p_first_us bigint[], p_last_us bigint[], p_lon double precision[], p_lat double precision[], p_ended jsonb, p_slack jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _put_live(p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[], p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[], p_height_m double precision[], p_error_m double precision[], p_seen_from_s double precision[], p_seen_to_s double precision[])
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
@@ -2147,6 +2429,9 @@ FUNCTION _scene_to_change(p_scene text)
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean, branch_of text) LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _scenes_with_alarms()
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -2239,6 +2524,9 @@ FUNCTION _side_rank(p_side text)
 
 FUNCTION _sides(p_a_class text, p_b_class text, OUT rank integer, OUT first text, OUT other text, OUT name text)
     RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _silent_after_s()
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
@@ -2347,6 +2635,12 @@ FUNCTION _uncut_pieces(p_scene_id bigint, p_wanted_m double precision, p_with_sc
 
 FUNCTION _under_way(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
     RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _unheard(p_now_us bigint, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint)
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _unknown_tracks(p_scene text, p_keys text[])
+    RETURNS SETOF text LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2573,7 +2867,7 @@ FUNCTION rename_object(p_scene text, p_key text, p_new_key text)
 FUNCTION rename_scene(p_scene text, p_name text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
+FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone, p_margin interval DEFAULT '00:00:00'::interval, p_margin_m double precision DEFAULT 0, p_from timestamp with time zone DEFAULT NULL::timestamp with time zone, p_to timestamp with time zone DEFAULT NULL::timestamp with time zone, p_best integer DEFAULT NULL::integer)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
@@ -2627,7 +2921,7 @@ FUNCTION verify_edits(OUT anchor bigint, OUT batches bigint, OUT edits bigint, O
 FUNCTION wait_for_admission(p_request_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT admitted boolean, OUT conflicts jsonb)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision, OUT latest_s double precision)
+FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision, OUT latest_s double precision, OUT departs_at timestamp with time zone, OUT margin_s double precision, OUT margin_m double precision, OUT slots jsonb, OUT closed jsonb)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_plans_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
