@@ -306,7 +306,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._branch_conflicts(p_branch text) 
 )
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
-    SELECT c.change, c.a_key, c.b_key, c.verdict, c.verdict_before, _period_ends(c.periods), _period_ends(c.periods_before)
+    SELECT c.change, c.a_key, c.b_key, c.verdict, c.verdict_before, _period_ends(c.periods),
+           _period_ends(c.periods_before)
     FROM branch_conflicts(p_branch) c;
 END;
 COMMENT ON FUNCTION _branch_conflicts(text) IS

@@ -4,6 +4,7 @@ A position is a small area, a disc of its error, that exists at its instant alon
 the track, departing d later, is in contact with that area: `core.delays` says for which d.
 """
 
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from conflictdb.core.delays import Spans, delays_of_pairs
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.earth.shortest_lines import places_at
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, boxes_of
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 _Ints = NDArray[np.int64]
 _NO_TRACKS: Final = TrackBatch.of([])
@@ -61,18 +64,15 @@ def lateness_of(setup: Setup, pieces: Pieces, positions: Positions) -> list[Span
     """
     discs = _discs(setup, positions)
     both = Pieces.concatenate([pieces, discs])
-    order = np.argsort(pieces.object_id, kind="stable")
-    ids = pieces.object_id[order]
-    wanted = positions.track[discs.object_id]
-    first, end = np.searchsorted(ids, wanted), np.searchsorted(ids, wanted, side="right")
-    disc = np.repeat(np.arange(len(discs)), end - first)
-    offset = np.append(0, np.cumsum(end - first))
-    a = order[np.arange(len(disc)) - offset[disc] + first[disc]]
-    b = len(pieces) + disc
-    low, high = _boxes(both)
-    near = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)
-    near &= (both.floor_m[a] <= both.ceiling_m[b]) & (both.floor_m[b] <= both.ceiling_m[a])
-    a, b = PieceRows(a[near]), PieceRows(b[near])
+    # Whenever: a late track is elsewhere in its own time.
+    rows = replace(
+        RowBoxes.of(both, boxes_of(both)),
+        start_us=np.full(len(both), MINUS_INFINITY_US),
+        end_us=np.full(len(both), INFINITY_US),
+    )
+    disc, a = BoxTree(rows.take(np.arange(len(pieces)))).pairs(rows.take(np.arange(len(pieces), len(both))))
+    is_own = positions.track[discs.object_id[disc]] == pieces.object_id[a]
+    a, b = PieceRows(a[is_own]), PieceRows(len(pieces) + disc[is_own])
     if not len(a):
         return [Spans.union(a, a) for _ in range(len(positions.at_us))]
     number = np.concatenate([np.full(len(pieces), -1), discs.object_id])
@@ -125,11 +125,3 @@ def _discs(setup: Setup, positions: Positions) -> Pieces:
         np.zeros((n, AreaBatch.of([]).numbers.shape[1]), np.int64),
     )
     return pieces_of(setup, areas, _NO_TRACKS)
-
-
-def _boxes(pieces: Pieces) -> tuple[Floats, Floats]:
-    """Return the lower left and the upper right corner (n, 2) of the hulls of pieces."""
-    if not len(pieces):
-        return np.empty((0, 2)), np.empty((0, 2))
-    first = pieces.hull_offset[:-1]
-    return np.minimum.reduceat(pieces.hull_xy, first), np.maximum.reduceat(pieces.hull_xy, first)

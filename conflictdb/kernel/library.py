@@ -73,8 +73,7 @@ class Held(ctypes.Structure):
         self._arrays = []
         for name, values in arrays.items():
             if values is not None:
-                array = np.ascontiguousarray(values, self.types[name])
-                self._arrays.append(array)
+                self._arrays.append(array := np.ascontiguousarray(values, self.types[name]))
                 setattr(self, name, address(array))
 
 

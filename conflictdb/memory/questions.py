@@ -475,8 +475,7 @@ def world_of(
     # Numbered by key, as in the database: the answer does not depend on the order of the objects. World.of checks keys.
     known = sorted(each(what, "tracks", tracks, Track), key=_order)
     others = sorted(each(what, "areas", areas, Area), key=_order)
-    world = World.of(scene or Scene("in memory"), others, known, reach=reach, known=window, moved=moved)
-    return world, known, others
+    return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window, moved=moved), known, others
 
 
 def _order(one: Area | Track) -> bytes:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "03a7abd1ed5056e7b286cd280248922baef1da190f8d9f882dfd943df8cf93e5"
+routines_sha256 = "5adfa4b9c566d692dfa37a479da1c82af62c8f258d761e7b286fb2e81de76ede"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -42,7 +42,6 @@ MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
 # An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
-# As the planes name them.
 
 
 def check_plane(
@@ -53,7 +52,20 @@ def check_plane(
     These are the footprints of areas in the plane, and the tracks, each on one voyage, with their legs; None without
     tracks.
     """
-    flat = _checked_footprints(plane, areas) if areas else np.empty(0, object)
+    flat = np.array([area.footprint for area in areas], dtype=object)
+    if len(flat):
+        corners, row_of = shapely.get_coordinates(flat, return_index=True)
+        x, y, holds = plane.project(*corners.T)
+        if not holds.all():
+            raise InvalidInput(f"area {areas[row_of[~holds][0]].key!r}", "geometry", plane.limit)
+        flat = shapely.set_coordinates(flat.copy(), np.stack([x, y], axis=1))
+        if not plane.turn_m:
+            flat = _stitched(flat, corners, row_of)
+        for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
+            if not is_thread(flat[i]):
+                why = shapely.is_valid_reason(flat[i]).split("[")[0]
+                rule = f"crosses itself when its edges are {plane.lines} ({why})"
+                raise InvalidInput(f"area {areas[i].key!r}", "geometry", rule)
     if not tracks:
         return flat, None
     check_legs(plane.lines, tracks)
@@ -70,24 +82,6 @@ def check_plane(
         field = "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m"
         raise InvalidInput(f"track {track.key!r}", field, plane.haven_limit)
     return flat, replace(batch, legs=replace(legs, whole=whole))
-
-
-def _checked_footprints(plane: Plane, areas: Sequence[Area]) -> NDArray[np.object_]:
-    """Return the footprints of areas in the plane; raises InvalidInput for the first that does not fit it."""
-    flat = np.array([area.footprint for area in areas], dtype=object)
-    corners, row_of = shapely.get_coordinates(flat, return_index=True)
-    x, y, holds = plane.project(*corners.T)
-    if not holds.all():
-        raise InvalidInput(f"area {areas[row_of[~holds][0]].key!r}", "geometry", plane.limit)
-    flat = shapely.set_coordinates(flat.copy(), np.stack([x, y], axis=1))
-    if not plane.turn_m:
-        flat = _stitched(flat, corners, row_of)
-    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
-        if not is_thread(flat[i]):
-            why = shapely.is_valid_reason(flat[i]).split("[")[0]
-            rule = f"crosses itself when its edges are {plane.lines} ({why})"
-            raise InvalidInput(f"area {areas[i].key!r}", "geometry", rule)
-    return flat
 
 
 def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
