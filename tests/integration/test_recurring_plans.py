@@ -443,7 +443,10 @@ def test_a_track_of_unknown_departures_is_unresolved_where_it_may_sail(
     far = feature("far")
     far["geometry"]["coordinates"] = [[[2, 2], [3, 2], [3, 3], [2, 2]]]
     with conflictdb.connect(conn) as db:
-        db.load(scene_file(tmp_path, late, far, voyage("T"), voyage("other"), separation_m=10, time_separation_s=60))
+        with pytest.warns(UserWarning, match="area 'late': begins on 2150-01-01"):
+            db.load(
+                scene_file(tmp_path, late, far, voyage("T"), voyage("other"), separation_m=10, time_separation_s=60)
+            )
         spoil(conn, "track", "T", '{"notam": "WHENEVER"}')
         db.scene("plans").detect()
         assert verdicts(conn) == {("late", "T"): "unresolved", ("T", "other"): "unresolved"}
