@@ -35,9 +35,9 @@ def plan(conn: Conn, key: str, start: datetime = BEGAN, half: float = 1000.0) ->
 
 
 def put(conn: Conn, key: str, minute: float, lon: float, lat: float = 0.0, *, height_m: float | None = None,
-        error_m: float = 10.0) -> None:  # fmt: skip
+        error_m: float = 10.0, began: datetime = BEGAN) -> None:  # fmt: skip
     """Insert a position, some minutes after the plans began."""
-    at = BEGAN + timedelta(minutes=minute)
+    at = began + timedelta(minutes=minute)
     conn.execute(PUT, ["s", key, at, lon, lat, height_m, error_m])
 
 
@@ -284,9 +284,11 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
 
 
 def test_a_worker_looks(sea: Conn, dsn: str) -> None:
-    plan(sea, "A")
+    """By the clock: neither its silence nor the end of the plan comes while it does."""
+    began = datetime.now(UTC) - timedelta(minutes=30)
+    plan(sea, "A", began)
     sea.commit()
-    put(sea, "A", 29.9, 10 / 60)
+    put(sea, "A", 29.9, 10 / 60, began=began)
     sea.commit()
     assert Worker(lambda: store.connect(dsn), lambda *_: None).once()
     assert sea.execute("SELECT state FROM conflictdb.live").fetchall() == [("late",)]

@@ -151,9 +151,9 @@ def test_every_exit_code_and_variable_is_in_the_reference() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "cli.md").read_text()
     for code, text in codes.MEANING.items():
         assert f"| {code} | {text} |\n" in page
-    variables = ("CONFLICTDB_DSN", "CONFLICTDB_SCENE", "CONFLICTDB_HOME", "CONFLICTDB_PG_BIN", "CONFLICTDB_NO_DOWNLOAD")
-    assert set(ENVIRONMENT) == set(variables)
-    assert all(f"| `{name}` |" in page for name in variables)
+    variables = ("DSN", "SCENE", "TZ", "HOME", "PG_BIN", "NO_DOWNLOAD")
+    assert set(ENVIRONMENT) == {f"CONFLICTDB_{name}" for name in variables}
+    assert all(f"| `{name}` |" in page for name in ENVIRONMENT)
 
 
 def test_the_help_has_each_command_once_in_a_group_and_fits_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
