@@ -47,34 +47,55 @@ COMMENT ON FUNCTION _unheard(bigint) IS
 'Tracks under way without a position for the time after which one is silent, at an instant (microseconds). Forgets '
 'the states of removed tracks. None while another session looks.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._replanned(
+    OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
+    OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision
+) RETURNS SETOF record
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    IF NOT _may_look() THEN
+        RETURN;
+    END IF;
+    RETURN QUERY
+        SELECT l.scene_id, l.key, t.track_id, t.version, (extract(epoch FROM l.instant) * 1000000)::bigint,
+               ST_X(l.place), ST_Y(l.place), l.height_m, l.error_m
+        FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
+        WHERE t.version <> l.version ORDER BY l.scene_id, l.instant;
+END
+$$;
+COMMENT ON FUNCTION _replanned() IS
+'The last positions of tracks that changed since their states were found, with the columns of _new_positions. None '
+'while another session looks.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_live(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[],
     p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[],
     p_lat double precision[], p_height_m double precision[], p_error_m double precision[],
-    p_seen_from_s double precision[], p_seen_to_s double precision[]
+    p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[]
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO live_state AS l (scene_id, key, state, late_from_s, late_to_s, off_m, instant, place, height_m, error_m,
-                                 seen_from_s, seen_to_s, as_of)
+                                 seen_from_s, seen_to_s, as_of, version)
         SELECT p_scene_id, u.key, u.state, u.late_from_s, u.late_to_s, u.off_m,
                timestamptz 'epoch' + u.instant_us * interval '1 microsecond',
                ST_SetSRID(ST_MakePoint(u.lon, u.lat), 4326), u.height_m, u.error_m, u.seen_from_s, u.seen_to_s,
-               timestamptz 'epoch' + p_as_of_us * interval '1 microsecond'
+               timestamptz 'epoch' + p_as_of_us * interval '1 microsecond', u.version
         FROM unnest(p_key, p_state, p_late_from_s, p_late_to_s, p_off_m, p_instant_us, p_lon, p_lat, p_height_m,
-                    p_error_m, p_seen_from_s, p_seen_to_s)
+                    p_error_m, p_seen_from_s, p_seen_to_s, p_version)
              u (key, state, late_from_s, late_to_s, off_m, instant_us, lon, lat, height_m, error_m, seen_from_s,
-                seen_to_s)
+                seen_to_s, version)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET state = excluded.state, late_from_s = excluded.late_from_s, late_to_s = excluded.late_to_s,
                 off_m = excluded.off_m, instant = excluded.instant, place = excluded.place,
                 height_m = excluded.height_m, error_m = excluded.error_m, seen_from_s = excluded.seen_from_s,
-                seen_to_s = excluded.seen_to_s, as_of = excluded.as_of;
+                seen_to_s = excluded.seen_to_s, as_of = excluded.as_of, version = excluded.version;
 END
 $$;
 COMMENT ON FUNCTION _put_live(bigint, bigint, text[], text[], double precision[], double precision[],
                               double precision[], bigint[], double precision[], double precision[], double precision[],
-                              double precision[], double precision[], double precision[]) IS
+                              double precision[], double precision[], double precision[], bigint[]) IS
 'Stores states of tracks of a scene, one for each key, as a look found them.';
 
 CREATE OR REPLACE VIEW live WITH (security_invoker = true) AS
@@ -143,4 +164,5 @@ COMMENT ON COLUMN live_state.height_m IS 'Its height; null: unknown.';
 COMMENT ON COLUMN live_state.error_m IS 'Its error, metres.';
 COMMENT ON COLUMN live_state.seen_from_s IS 'Least lateness at the last position that the haven held; null: none yet.';
 COMMENT ON COLUMN live_state.seen_to_s IS 'Greatest lateness there; null: none yet.';
+COMMENT ON COLUMN live_state.version IS 'Version of the track that it was compared with.';
 COMMENT ON COLUMN live_state.as_of IS 'When the look was.';

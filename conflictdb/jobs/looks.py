@@ -55,19 +55,25 @@ class Looks:
     def look(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool) -> int:
         """Compare the positions since the last look with plans, and commit; return their number.
 
-        is_silence_due : also look which tracks are silent
+        is_silence_due : also look which tracks are silent, and which have other plans than their states are of
         """
         with store.transaction(conn):
             heard = store.new_positions(conn)
-            of_scenes: dict[int, list[store.Heard]] = defaultdict(list)
-            for one in heard:
-                of_scenes[one.scene_id].append(one)
-            for scene_id, some in of_scenes.items():
-                for first in range(0, len(some), _AT_ONCE):
-                    self._compare(conn, scene_id, some[first : first + _AT_ONCE], now_us)
+            self._compare_all(conn, heard, now_us)
             if is_silence_due:
+                self._compare_all(conn, store.replanned(conn), now_us, is_again=True)
                 self._look_for_silence(conn, now_us)
         return len(heard)
+
+    def _compare_all(
+        self, conn: psycopg.Connection[Any], heard: list[store.Heard], now_us: int, *, is_again: bool = False
+    ) -> None:
+        of_scenes: dict[int, list[store.Heard]] = defaultdict(list)
+        for one in heard:
+            of_scenes[one.scene_id].append(one)
+        for scene_id, some in of_scenes.items():
+            for first in range(0, len(some), _AT_ONCE):
+                self._compare(conn, scene_id, some[first : first + _AT_ONCE], now_us, is_again=is_again)
 
     def _look_for_silence(self, conn: psycopg.Connection[Any], now_us: int) -> None:
         of_scenes: dict[int, list[store.Unheard]] = defaultdict(list)
@@ -87,10 +93,15 @@ class Looks:
                 settings = store.read_settings(conn, scene_id)
                 follow(conn, scene_id, settings, {}, lambda _: None, now_us)
 
-    def _compare(self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int) -> None:
-        """Store the states that follow from positions of a scene, in the order of their instants."""
+    def _compare(
+        self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int, *, is_again: bool
+    ) -> None:
+        """Store the states that follow from positions of a scene, in the order of their instants.
+
+        is_again : of plans that have changed, with which former states have nothing to do
+        """
         known = self._cut(conn, scene_id, {one.track_id: one.version for one in heard})
-        former = store.live_states(conn, scene_id, list({one.key for one in heard}))
+        former = {} if is_again else store.live_states(conn, scene_id, list({one.key for one in heard}))
         # One that is older than another says nothing new.
         heard = [
             one
@@ -135,7 +146,7 @@ class Looks:
         now_us: int,
     ) -> None:
         """Store states, and what follows from those whose lateness is another than before."""
-        store.put_live(conn, scene_id, now_us, states)
+        store.put_live(conn, scene_id, now_us, states, {key: known.cut[tracks[key]].version for key in states})
         changed = {
             key: state
             for key, state in states.items()

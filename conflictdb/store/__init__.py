@@ -107,6 +107,7 @@ if TYPE_CHECKING:
         prune_positions,
         put_alarms,
         put_live,
+        replanned,
         scenes_with_alarms,
         silent_after_s,
         unheard,

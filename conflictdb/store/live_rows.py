@@ -105,6 +105,11 @@ def new_positions(conn: psycopg.Connection[Any]) -> list[Heard]:
     return [Heard(*row) for row in call_many(conn, "_new_positions")]
 
 
+def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:
+    """Return the last positions of tracks that changed since they were compared, in the open transaction."""
+    return [Heard(*row) for row in call_many(conn, "_replanned")]
+
+
 def unheard(conn: psycopg.Connection[Any], now_us: int) -> list[Unheard]:
     """Return the tracks that are silent at an instant, in the open transaction."""
     return [Unheard(*row) for row in call_many(conn, "_unheard", now_us)]
@@ -121,8 +126,10 @@ def live_states(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str
     return found
 
 
-def put_live(conn: psycopg.Connection[Any], scene_id: int, as_of_us: int, states: dict[str, Kept]) -> None:
-    """Store the states of some keys at an instant."""
+def put_live(
+    conn: psycopg.Connection[Any], scene_id: int, as_of_us: int, states: dict[str, Kept], versions: Mapping[str, int]
+) -> None:
+    """Store the states of some keys at an instant, and the versions of the tracks that they are of."""
     every = list(states.values())
     late = [one.late_us or (None, None) for one in every]
     seen = [one.seen_us or (None, None) for one in every]
@@ -143,6 +150,7 @@ def put_live(conn: psycopg.Connection[Any], scene_id: int, as_of_us: int, states
         _numbers([one.error_m for one in every]),
         _numbers([_seconds(low) for low, _ in seen]),
         _numbers([_seconds(high) for _, high in seen]),
+        [versions[key] for key in states],
     )
 
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5adfa4b9c566d692dfa37a479da1c82af62c8f258d761e7b286fb2e81de76ede"
+routines_sha256 = "24379a951c2ede073195ab2a399fa1dfd3814697500f5914342be8202a737373"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -62,6 +62,7 @@ CREATE TABLE IF NOT EXISTS conflictdb.live_state (
     seen_to_s double precision,
     slack_s double precision,
     as_of timestamptz NOT NULL,
+    version bigint NOT NULL,
     CONSTRAINT live_state_pkey PRIMARY KEY (scene_id, key),
     CONSTRAINT live_state_known CHECK (
         state IN ('on plan', 'late', 'early', 'off', 'silent', 'past its end', 'not yet under way')

@@ -283,6 +283,17 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
     assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (3,)
 
 
+def test_a_plan_that_changes_is_compared_with_the_last_position(sea: Conn) -> None:
+    """The lateness of the former plan says nothing about the new one."""
+    plan(sea, "A")
+    put(sea, "A", 20, 10 / 60)
+    assert look(sea)["A"].state == "late"
+    plan(sea, "A", BEGAN + timedelta(minutes=10))
+    found = look(sea)["A"]
+    assert found.state == "on plan"
+    assert abs(found.late_from_s or 0.0) < 60.0
+
+
 def test_a_worker_looks(sea: Conn, dsn: str) -> None:
     """By the clock: neither its silence nor the end of the plan comes while it does."""
     began = datetime.now(UTC) - timedelta(minutes=30)

@@ -116,7 +116,8 @@ def test_latenesses_looked_up_equal_detections_of_shifted_copies(conn: Conn, dra
     (scene_id,) = conn.execute("SELECT scene_id FROM conflictdb.scene WHERE name = 's'").fetchone() or ()
     conn.execute(
         "INSERT INTO conflictdb.live_state (scene_id, key, state, late_from_s, late_to_s, instant, place, error_m, "
-        "as_of) SELECT scene_id, key, 'late', 0, 0, now(), 'SRID=4326;POINT(0 0)', 0, now() FROM conflictdb.track"
+        "as_of, version) SELECT scene_id, key, 'late', 0, 0, now(), 'SRID=4326;POINT(0 0)', 0, now(), version "
+        "FROM conflictdb.track"
     )
     keys = [track.key for track in tracks]
     compared = met = 0
