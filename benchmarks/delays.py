@@ -157,7 +157,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     numbers = np.unique(object_numbers(pieces)[pieces.kind == ObjectKind.TRACK.code])
     kernel, horizon_us = Kernel(delays.difference_parts), round(1e6 * within_s)
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
-    leeway = delays.Leeway(False, False, -horizon_us, horizon_us)
+    leeway = delays.Leeway(False, False, -horizon_us, horizon_us, 0)
     began = time.process_time()
     with patch.object(delays, "difference_parts", kernel):
         every = delays.differences_of(setup, Memory(pieces), numbers, horizon_us, waits=None)
