@@ -278,6 +278,7 @@ def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open, open_pag
     expect(page.locator(".what-if")).to_contain_text("Copied as GeoJSON")
     page.unroute("**/api/probe")
     assert_a_key_counts_while_pieces_are_read(page)
+    assert_a_moved_plan_is_asked_again_after_pieces_are_read(page)
 
 
 def assert_a_key_counts_while_pieces_are_read(page: Page) -> None:
@@ -293,6 +294,20 @@ def assert_a_key_counts_while_pieces_are_read(page: Page) -> None:
     wait_until(page, "conflictdbPage.departure.slider.max === '3600'")
     assert page.evaluate("conflictdbPage.departure.waypoint") == place
     expect(handle).to_be_focused()
+
+
+def assert_a_moved_plan_is_asked_again_after_pieces_are_read(page: Page) -> None:
+    """The answer on the plan before that comes late."""
+    page.unroute("**/api/pieces*")
+    wait_until(page, "!conflictdbPage.departure.isProbing")
+    late: list[Route] = []
+    page.route("**/api/probe", lambda route: route.continue_() if late else late.append(route))
+    page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
+    wait_until(page, lambda: late)
+    page.get_by_role("combobox", name="Range").select_option("10800")
+    wait_until(page, "conflictdbPage.departure.slider.max === '10800'")
+    late[0].continue_()
+    expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
 
 
 def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:

@@ -895,8 +895,8 @@ class Page {
     this.timeline.draw();
     this.side.draw();
     this.brief.draw();
-    if (this.departure.isOpen) this.departure.rewrite();
-    if (this.areaMove.isOpen && this.areaMove.feature) this.areaMove.show();
+    this.departure.rewrite();
+    this.areaMove.rewrite();
     this.moveTo(state.t);
   }
 

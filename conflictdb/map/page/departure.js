@@ -2,35 +2,21 @@
 // what sliders change.
 
 import { element } from "./dom.js";
-import { counted, duration, metres, moment, printable } from "./format.js";
+import { counted, metres, moment, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
 import { unpackPieces } from "./near.js";
+import { capital, laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
 import { DepartureStrip } from "./strip.js";
 import { limitsOf, union, WhatIf } from "./what_if.js";
 
-const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
 const [FIRST_S, WIDER_S] = [3600, 10800]; // shown first; and where no departure within it is clear
 const MOST_STRETCHES = 60;
-
-// "1 h 4 min 10 s later", of microseconds, to the last one: a departure that is read out is the very same.
-export function laterBy(us) {
-  if (us === 0) return "as planned";
-  const by = Math.abs(us);
-  const parts = [[Math.floor(by / 3600e6), "h"], [Math.floor(by / 60e6) % 60, "min"], [(by % 60e6) / 1e6, "s"]];
-  const said = parts.filter(([n]) => n > 0).map(([n, unit]) => `${Number(n.toFixed(6))} ${unit}`);
-  return `${said.join(" ")} ${us > 0 ? "later" : "earlier"}`;
-}
-
-// A conflict as a probe returns it.
-export const probed = ([other, verdict, error, periods]) => (
-  { other, verdict, error_s: error, periods: periods.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]) });
 
 // ", 20 m higher".
 const higherBy = (m) => (m === 0 ? "" : `, ${metres(Math.abs(m))} ${m > 0 ? "higher" : "lower"}`);
 
 const MOST_UP_M = 20_000;
-const SECOND = 1e6;
 const MARGINS = [0, 60, 300, 600, 1800]; // seconds to choose from
 const seconds = (us) => Math.round(us / SECOND) * SECOND;
 const isIn = (spans, us) => spans.some(([low, high]) => low <= us && high >= us);
@@ -56,18 +42,15 @@ export function stretchesOf(forbidden) {
   })).filter(({ keys }) => keys.length > 0);
 }
 
-export class Departure {
-  // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close(), rights()
-  // of the scene, move(what) stores a plan, probe(what) returns
-  // its conflicts, waypoints(track, waypoint) shows its waypoints (null: none), one of them elsewhere, openScene(name).
+export class Departure extends PlanMove {
+  // `on`: as PlanMove, and range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned),
+  // waypoints(track, waypoint) shows its waypoints (null: none), one of them elsewhere.
   constructor(container, source, kernel, on) {
-    this.container = container;
+    super(container, on);
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
     this.strip = new DepartureStrip(this.canvas, (us) => this.moveTo(seconds(us)));
     this.source = source;
-    this.on = on;
     this.kernel = kernel; // loads it
-    this.key = null;
     this.rangeS = FIRST_S;
     this.marginS = 0; // that proposed departures keep
     this.isWidened = false; // rather than chosen so
@@ -75,16 +58,10 @@ export class Departure {
     this.laterUs = 0;
     this.upM = 0;
     this.waypoint = null; // one that is elsewhere: [n, lon, lat]
-    this.asked = 0; // which answer is awaited
-  }
-
-  get isOpen() {
-    return this.key !== null;
   }
 
   // Asks about a track of a scene.
   async open(track, scene, hue = "a") {
-    const { container } = this;
     this.scene = scene;
     this.hue = hue; // of the track: "a" or "b"
     this.key = track.key;
@@ -95,16 +72,12 @@ export class Departure {
     if (this.isWidened) [this.rangeS, this.isWidened] = [FIRST_S, false];
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
-    this.range = element("select", { "aria-label": "Range", change: () => this.widen(Number(this.range.value)) },
-      ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
+    this.range = this.rangeChoice(() => this.widen(Number(this.range.value)));
     this.margin = element("select", { "aria-label": "Margin", change: () => { this.marginS = Number(this.margin.value); this.rewrite(); } },
       ...MARGINS.map((s) => new Option(s === 0 ? "no margin" : `margin ${s / 60} min`, s, s === this.marginS, s === this.marginS)));
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
-    this.stored = element("p", { role: "status" });
-    this.writing = element("div", { class: "stores", hidden: true },
-      element("button", { type: "button", click: () => this.propose() }, "Propose"),
-      element("button", { type: "button", click: () => this.apply(this.laterUs, this.upM, this.waypoint) }, "Apply"));
+    this.makeWriting();
     this.buttons = {
       earlier: element("button", { type: "button", click: () => this.moveTo(this.clear.earlier) }),
       planned: element("button", { type: "button", click: () => this.reset() }, "As planned"),
@@ -122,24 +95,12 @@ export class Departure {
       element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
       this.writing, this.stored, this.copies,
       this.copied, this.text);
-    container.replaceChildren(
-      element("header", {},
-        element("h2", { tabindex: "-1" }, "What if ", element("bdi", { class: `key-${hue}` }, printable(track.key)), " departs"),
-        element("button", { type: "button", class: "plain", "aria-label": "Close", click: () => this.close() }, "✕")),
-      element("div", { class: "choices" }, this.range, this.margin), this.summary, this.more);
-    container.hidden = false;
-    container.querySelector("h2").focus({ preventScroll: true });
+    this.fill("departs", hue, element("div", { class: "choices" }, this.range, this.margin), this.summary, this.more);
     await this.read();
   }
 
-  close() {
-    if (!this.isOpen) return;
-    this.key = null;
-    this.asked += 1;
+  hideHandles() {
     this.on.waypoints(null);
-    this.container.hidden = true;
-    this.container.replaceChildren();
-    this.on.close();
   }
 
   // Of a scene that has changed.
@@ -324,23 +285,9 @@ export class Departure {
     return { key: this.key, plan: this.whatIf.digest, later_us: this.laterUs, up_m: this.upM, waypoint: this.waypoint };
   }
 
-  // Asks the server for the conflicts of a plan with another waypoint: one question at a time, the last one again.
-  async probe() {
-    this.isOutdated = true;
-    if (this.isProbing) return;
-    this.isProbing = true;
-    const asked = this.asked;
-    try {
-      while (this.isOutdated && asked === this.asked && this.waypoint !== null) {
-        this.isOutdated = false;
-        const found = await this.on.probe(this.what);
-        if (asked === this.asked && this.waypoint !== null) this.show(found.map(probed));
-      }
-    } catch (error) {
-      if (asked === this.asked) this.summary.textContent = `Not known: ${printable(error.message)}.`;
-    } finally {
-      this.isProbing = false;
-    }
+  // What departures in their planned way meet is computed here.
+  get asksServer() {
+    return this.waypoint !== null && this.isOpen;
   }
 
   // Shows the conflicts of the plan as it is moved.
@@ -348,25 +295,21 @@ export class Departure {
     const { laterUs: us, upM } = this;
     this.summary.textContent = this.told(conflicts);
     const isPlanned = us === 0 && upM === 0 && this.waypoint === null;
-    const { may_edit: mayEdit, branch_of: parent } = this.on.rights();
     // A schedule says itself when its voyages depart.
     const isScheduled = us !== 0 && "schedule" in this.whatIf.plan.properties;
-    this.writing.hidden = !mayEdit || isPlanned || isScheduled;
+    this.offerWriting(!isPlanned && !isScheduled);
     this.copies.hidden = isScheduled;
-    this.writing.firstChild.hidden = parent !== null; // a branch has no branches
     this.on.change(isPlanned ? null : { key: this.key, laterUs: us, upM, waypoint: this.waypoint, conflicts });
   }
 
   // "4 min 10 s later: 2 fewer, none new; 1 left."
   told(conflicts) {
     const by = this.laterUs === 0 || !this.isOne ? this.moveText() : `${this.departsAt(this.laterUs)}, ${this.moveText()}`;
-    const said = by.charAt(0).toUpperCase() + by.slice(1);
+    const said = capital(by);
     if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : this.clearText()}.`;
-    const now = new Set(conflicts.map(({ other }) => other));
-    const gone = [...this.planned].filter((key) => !now.has(key)).length;
-    const come = [...now].filter((key) => !this.planned.has(key)).length;
-    if (!gone && !come && now.size) return `${said}: the same ${counted(now.size, "conflict")}.`;
-    return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : `; ${this.clearText()}`}.`;
+    const changed = this.compared(conflicts);
+    if (!changed.gone && !changed.come && changed.all) return `${said}: the same ${counted(changed.all, "conflict")}.`;
+    return `${said}: ${this.changeText(changed, this.clearText())}.`;
   }
 
   // "10 min later, 20 m higher".
@@ -378,35 +321,13 @@ export class Departure {
     return parts.length ? parts.join(", ") : laterBy(0);
   }
 
-  // Stores the moved plan in a new branch.
-  async propose() {
-    const branch = `${this.scene}: ${this.key} ${this.moveText()}`;
-    if (await this.store({ ...this.what, branch }) === null) return;
-    this.stored.replaceChildren("Proposed as the branch ", element("bdi", {}, printable(branch)), ". ",
-      element("button", { type: "button", class: "link", click: () => this.on.openScene(branch) }, "Open"));
+  undoOf({ later_us: laterUs, up_m: upM, waypoint }) {
+    return { later_us: -laterUs, up_m: -upM, waypoint: waypoint && [waypoint[0], ...this.whatIf.plan.geometry.coordinates[waypoint[0]]] };
   }
 
-  // Stores the moved plan in the scene, which is then as planned.
-  async apply(laterUs, upM, waypoint, isUndo = false) {
-    const [key, said] = [this.key, this.moveText()];
-    const before = waypoint && [waypoint[0], ...this.whatIf.plan.geometry.coordinates[waypoint[0]]];
-    const plan = await this.store({ ...this.what, later_us: laterUs, up_m: upM, waypoint, branch: null });
-    if (plan === null || this.key !== key) return;
-    this.whatIf.digest = plan; // until it is read again
+  takeStored(digest) {
+    this.whatIf.digest = digest; // until it is read again
     this.reset();
-    if (isUndo) this.stored.replaceChildren("Undone.");
-    else this.stored.replaceChildren(`Applied: ${said}. `, element("button", { type: "button", class: "link", click: () => this.apply(-laterUs, -upM, before, true) }, "Undo"));
-  }
-
-  // Returns the digest of what is stored; null if it is refused, which the page says.
-  async store(what) {
-    this.stored.textContent = "Storing …";
-    try {
-      return await this.on.move(what);
-    } catch (error) {
-      this.stored.textContent = `Not stored: ${printable(error.message)}.`;
-      return null;
-    }
   }
 
   // Moves the plan if it is known, and widens the range if need be.
