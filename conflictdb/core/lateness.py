@@ -17,7 +17,8 @@ from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.core.delays import Spans, delays_of_pairs
-from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.pieces.covers import COVER, pieces_of
+from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.earth.registry import Setup
 from conflictdb.earth.shortest_lines import places_at
 from conflictdb.kernel.boxes import BoxTree, RowBoxes, boxes_of
@@ -71,7 +72,8 @@ def lateness_of(setup: Setup, pieces: Pieces, positions: Positions) -> list[Span
         end_us=np.full(len(both), INFINITY_US),
     )
     disc, a = BoxTree(rows.take(np.arange(len(pieces)))).pairs(rows.take(np.arange(len(pieces), len(both))))
-    is_own = positions.track[discs.object_id[disc]] == pieces.object_id[a]
+    # A disc that leaves the plane is a cover, which meets everything: that says nothing about where the track is.
+    is_own = (positions.track[discs.object_id[disc]] == pieces.object_id[a]) & (discs.part[disc] != COVER)
     a, b = PieceRows(a[is_own]), PieceRows(len(pieces) + disc[is_own])
     if not len(a):
         return [Spans.union(a, a) for _ in range(len(positions.at_us))]
@@ -88,10 +90,11 @@ def lateness_of(setup: Setup, pieces: Pieces, positions: Positions) -> list[Span
 def distances_off_m(setup: Setup, pieces: Pieces, positions: Positions) -> Floats:
     """Return how far positions (n,) are, less their errors, from all that the havens of their tracks sweep.
 
-    Metres by the scale of the map at the position, 0 where only the height differs; NaN for a track without pieces.
+    Metres by the scale of the map at the position, or, where the map has no place for it, along a great circle; 0 where
+    only the height differs; NaN for a track without pieces.
     """
     found = np.full(len(positions.at_us), np.nan)
-    x, y = setup.plane.to_plane(positions.lonlat[:, 0], positions.lonlat[:, 1])
+    x, y, is_placed = setup.plane.project(positions.lonlat[:, 0], positions.lonlat[:, 1])
     scale = setup.plane.largest_scale(np.stack([x, y])[:, None])
     turn_m = setup.plane.turn_m
     for k, track in enumerate(positions.track.tolist()):
@@ -99,6 +102,11 @@ def distances_off_m(setup: Setup, pieces: Pieces, positions: Positions) -> Float
         if not rows.size:
             continue
         offset, index = ragged_rows(pieces.hull_offset, rows)
+        if not is_placed[k]:
+            lon, lat = setup.plane.from_plane(*pieces.hull_xy[index].T)
+            away_m = great_circle_distance(positions.lonlat[k, 0], positions.lonlat[k, 1], lon, lat).min()
+            found[k] = max(0.0, away_m - positions.error_m[k])
+            continue
         hulls = shapely.union_all([shapely.Polygon(ring) for ring in np.split(pieces.hull_xy[index], offset[1:-1])])
         shifts = (-turn_m, 0.0, turn_m) if turn_m else (0.0,)
         away_m = min(shapely.distance(hulls, shapely.Point(x[k] + shift, y[k])) for shift in shifts)

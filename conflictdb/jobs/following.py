@@ -114,19 +114,18 @@ def _later(plan: Area | Track, by_us: int) -> Area | Track:
 
 
 def _met(settings: Scene, plans: Sequence[Area | Track]) -> Conflict | None:
-    """Return the conflict of two plans."""
-    return next(iter(_conflicts(settings, plans)), None)
+    """Return the conflict of two plans; None if there is none, or one is shifted out of the calendar."""
+    try:
+        return next(iter(_conflicts(settings, plans)), None)
+    except InvalidInput:
+        return None
 
 
 def _conflicts(settings: Scene, plans: Sequence[Area | Track]) -> list[Conflict]:
     """Return the conflicts of plans."""
     areas = [one for one in plans if isinstance(one, Area)]
     tracks = [one for one in plans if isinstance(one, Track)]
-    try:
-        found = questions.solve(tracks, areas, settings)
-    except InvalidInput:  # shifted out of the calendar
-        return []
-    return [one for one in found if one.verdict != "near"]
+    return [one for one in questions.solve(tracks, areas, settings) if one.verdict != "near"]
 
 
 def _alarm(conflict: Conflict | None, verdict: str, reason: str | None, now_us: int) -> "store.Alarm | None":
@@ -152,12 +151,15 @@ def _around(
 ) -> dict[Pair, "store.Alarm"]:
     """Return what a track that is off may meet until it is silent: the plans near a disc that grows."""
     until_us = max(state.at_us, now_us) + round(1e6 * store.silent_after_s(conn))
-    disc = _disc(key, state, plan, until_us)
-    near, areas, tracks = read_around(conn, settings.name, disc)
-    areas, tracks = [a for a in areas if a.key != key], [t for t in tracks if t.key != key]
     found: dict[Pair, store.Alarm] = {}
-    plans: list[Area | Track] = [*areas, *tracks]
-    for conflict in _conflicts(near, [disc, *(_later(one, 0) for one in plans)]):
+    try:
+        disc = _disc(key, state, plan, until_us)
+        near, areas, tracks = read_around(conn, settings.name, disc)
+        plans: list[Area | Track] = [*areas, *tracks]
+        conflicts = _conflicts(near, [disc, *(_later(one, 0) for one in plans if one.key != key)])
+    except InvalidInput:  # the disc leaves the plane
+        return {(key, ""): store.Alarm("may", _OFF)}
+    for conflict in conflicts:
         if key not in (conflict.a_key, conflict.b_key):
             continue
         other = conflict.b_key if conflict.a_key == key else conflict.a_key

@@ -193,6 +193,21 @@ def test_jumps_and_other_latitudes(sea: Conn) -> None:
         assert look(sea, min(minute, 30), looks)["A"].state == (state if minute <= 30 else "early")
 
 
+@pytest.mark.parametrize(("place", "off_km"), [((180.0, -60.0), 19_960), ((0.0, -31.0), 10_062), ((0.0, -20.0), 8_840)])
+def test_a_position_outside_the_map_is_off(sea: Conn, place: tuple[float, float], off_km: float) -> None:
+    """The map of great circles ends 60 degrees from its centre."""
+    sea.execute("SELECT conflictdb.remove_scene('s')")
+    sea.execute("SELECT conflictdb.create_scene('s', p_motion => 'great_circle')")
+    path = PLAN.replace("0 0, 1 0", "0 60, 1 60")
+    sea.execute(path, {"scene": "s", "key": "A", "start": BEGAN, "half": 1000.0})
+    put(sea, "A", 20, *place, error_m=1000.0)
+    found = look(sea)["A"]
+    assert found.state == "off"
+    assert found.off_m == pytest.approx(off_km * 1000.0, rel=0.03)
+    alarms = sea.execute("SELECT key, other_key, verdict, reason FROM conflictdb.live_conflicts").fetchall()
+    assert alarms == [("A", None, "may", "off its plan: it may be anywhere that it can reach")]
+
+
 def test_trackers_insert_positions_and_nothing_else(sea: Conn, dsn: str) -> None:
     plan(sea, "A")
     user = f"feed_{sea.info.dbname}"
