@@ -208,7 +208,7 @@ def _loaded(
     items: list[Area | Track] = [*plan.areas, *plan.tracks]
     keys = [one.key for one in items] if plan.settings is None else []
     replaced = _replaced(plan.sources[0], counts, [*plan.derived, *(key for key in keys if _is_number(key, len(keys)))])
-    came = WhatCame()
+    came = WhatCame(settings)
     came.add(plan.areas, plan.tracks)
     return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced), came.line())
 

@@ -225,7 +225,8 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    unread, owners, turns, legs, came = UnreadProperties(), Owners(), HalfTurns(), places.LongLegs(), WhatCame()
+    unread, owners, turns, legs = UnreadProperties(), Owners(), HalfTurns(), places.LongLegs()
+    came = WhatCame(parts.settings)
     for areas, tracks in each:
         summary.add(areas, tracks)
         came.add(areas, tracks)
@@ -260,7 +261,7 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     turns.add(contents.areas)
     yield from turns.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
-    came = WhatCame()
+    came = WhatCame(contents.scene)
     came.add(contents.areas, contents.tracks)
     items: list[Area | Track] = [*contents.areas, *contents.tracks]
     yield from came.remarks(source, lambda i: name_of(items[i]), now_us())

@@ -125,11 +125,7 @@ def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, r
     """Return the tracks that never exceed `max_speed_kn` (knots over the ground); the others are refused."""
     if not tracks or not np.isfinite(max_speed_kn):
         return list(tracks)
-    length_m, first = _legs(tracks, motion, EarthModel.WGS84)
-    seconds = np.diff(np.concatenate([track.times_us for track in tracks])) * 1e-6
-    seconds[first[1:] - 1] = np.inf  # from one track to the next
-    with np.errstate(over="ignore"):
-        speed_kn = length_m / seconds / MPS_PER_KNOT
+    speed_kn, first = speeds_kn(tracks, motion, EarthModel.WGS84)
     beyond = legs_too_fast(speed_kn, max_speed_kn)
     owner = np.searchsorted(first, beyond, side="right") - 1
     fast = set(owner.tolist())
@@ -139,6 +135,17 @@ def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, r
         with refusals:
             raise leg_refused(f"track {who.key!r}", k, float(speed_kn[leg]), max_speed_kn)
     return [track for i, track in enumerate(tracks) if i not in fast]
+
+
+def speeds_kn(
+    tracks: Sequence[Track], motion: Motion, earth: EarthModel
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the speeds in knots on the legs between all waypoints, 0 between two tracks; and their first legs."""
+    length_m, first = _legs(tracks, motion, earth)
+    seconds = np.diff(np.concatenate([track.times_us for track in tracks])) * 1e-6
+    seconds[first[1:] - 1] = np.inf  # from one track to the next
+    with np.errstate(over="ignore"):
+        return length_m / seconds / MPS_PER_KNOT, first
 
 
 def _legs(

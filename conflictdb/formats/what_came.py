@@ -10,13 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.ragged import offsets
 from conflictdb.formats import places
 from conflictdb.formats.contents import Remark
+from conflictdb.formats.track_times import speeds_kn
 from conflictdb.model.inputs import EPOCH
 from conflictdb.model.place_text import minutes_text
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
-from conflictdb.model.speed_limits import MPS_PER_KNOT, shortest_m
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 
 _YEAR_US: Final = 365 * 86_400_000_000
 # Plans are not made for so long ahead.
@@ -38,8 +37,11 @@ class WhatCame:
     """The objects of a load: extent (degrees), start and end (microseconds), fastest leg (knots), heights (metres).
 
     Numbers of one object take 72 bytes; unknown ones are NaN.
+
+    scene : its motion and earth decide how long legs are; None: as by default
     """
 
+    scene: Scene | None = None
     _rows: "array[float]" = field(default_factory=lambda: array("d"))
     areas: int = 0
     tracks: int = 0
@@ -53,7 +55,7 @@ class WhatCame:
         rows[:, :4] = places.extents(areas, tracks)
         ends = [(_bounded(one.start_us), _bounded(one.end_us)) for one in areas]
         rows[:, 4:6] = [*ends, *((float(one.times_us[0]), float(one.times_us[-1])) for one in tracks)]
-        rows[len(areas) :, 6] = _fastest_kn(tracks)
+        rows[len(areas) :, 6] = _fastest_kn(tracks, self.scene or Scene("file"))
         items: list[Area | Track] = [*areas, *tracks]
         rows[:, 7] = [np.nan if one.floor_m is None else one.floor_m for one in items]
         rows[:, 8] = [np.nan if one.ceiling_m is None else one.ceiling_m for one in items]
@@ -163,17 +165,11 @@ def _bounded(at_us: int | None) -> float:
     return np.nan if at_us is None or at_us in (MINUS_INFINITY_US, INFINITY_US) else float(at_us)
 
 
-def _fastest_kn(tracks: Sequence[Track]) -> NDArray[np.float64]:
-    """Return the speed of the fastest leg of each track, along the shortest way."""
+def _fastest_kn(tracks: Sequence[Track], scene: Scene) -> NDArray[np.float64]:
+    """Return the speed of the fastest leg of each track."""
     if not tracks:
         return np.empty(0)
-    first = offsets([len(track.times_us) for track in tracks])
-    positions = np.concatenate([track.positions_deg for track in tracks])
-    times_us = np.concatenate([track.times_us for track in tracks])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speed = shortest_m(positions) / ((times_us[1:] - times_us[:-1]) * 1e-6) / MPS_PER_KNOT
-    speed[first[1:-1] - 1] = 0.0  # between two tracks
-    return np.asarray(np.maximum.reduceat(speed, first[:-1]))
+    return np.asarray(np.maximum.reduceat(*speeds_kn(tracks, scene.motion, scene.earth)))
 
 
 def _ends(least: str, most: str) -> str:

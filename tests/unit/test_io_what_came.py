@@ -30,6 +30,15 @@ def ship(key: str, lon: float, kn: float = 12.0, year: int = 2026, **more: Any) 
     }
 
 
+def eastward(key: str, lon: float, kn: float) -> dict[str, Any]:
+    """Return a ship at a speed on a parallel, which the mean sphere has 0.4 % too short."""
+    feature = ship(key, lon, kn)
+    feature["geometry"]["coordinates"][1] = [lon + 2.0, 57.0]
+    del feature["properties"]["times"]
+    feature["properties"] |= {"start": "2026-12-01T00:00:00Z", "speed_kn": kn}
+    return feature
+
+
 def swap(feature: dict[str, Any]) -> None:
     feature["geometry"]["coordinates"] = [[y, x] for x, y in feature["geometry"]["coordinates"]]
 
@@ -58,6 +67,7 @@ def odd(change: Change) -> dict[str, Any]:
         (odd(swap), "track 'ODD': lies 6,"),  # thousands of km
         (odd(far_away), "track 'ODD': lies 797 km from"),  # hundreds
         (ship("ODD", 8.9, 180.0), "track 'ODD': travels at 180 kn, and the others at most at 12 kn:"),
+        (eastward("ODD", 8.9, 180.0), "track 'ODD': travels at 180 kn, and the others at most at 12 kn:"),
         (ship("ODD", 8.9, year=2062), "track 'ODD': begins on 2062-12-01, and the others about 2026-12-01:"),
         (
             ship("ODD", 8.9, 8.0, floor_m=100, ceiling_m=200),
@@ -80,6 +90,22 @@ def test_metres_a_second_for_knots_show_in_the_line(tmp_path: Path) -> None:
     line = arrived(fleet(tmp_path, ship("ODD", 8.9, 12.0 * 1.943844)))
     assert line.endswith("2026-12-01 00:00 to 2026-12-01 07:30 UTC, 8 to 23 kn, -200 to -100 m high")
     assert line.startswith("7 tracks, 57°00'N to 58°00'N, 008°00'E to 008°54'E, ")
+
+
+@pytest.mark.parametrize(("motion", "earth"), [("rhumb", "wgs84"), ("rhumb", "sphere"), ("great_circle", "sphere")])
+def test_speeds_are_those_of_the_lines_of_the_scene(tmp_path: Path, motion: str, earth: str) -> None:
+    feature = eastward("FAST", 8.0, 180.0)
+    feature["geometry"]["coordinates"][1] = [88.0, 57.0]
+    path = tmp_path / "fast.geojson"
+    settings = {"name": "fast", "motion": motion, "earth": earth}
+    path.write_text(json.dumps({"type": "FeatureCollection", "scene": settings, "features": [feature]}))
+    contents = read(path)
+    came = WhatCame(contents.scene)
+    came.add(contents.areas, contents.tracks)
+    assert ", 180 kn, " in came.line()
+    with read_parts(path) as parts:
+        assert list(parts.each)
+        assert parts.came == came.line()
 
 
 def test_a_fleet_without_mistakes_has_no_remarks(tmp_path: Path) -> None:
