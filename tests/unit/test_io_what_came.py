@@ -9,7 +9,7 @@ import pytest
 
 from conflictdb.formats.reading import read, read_parts
 from conflictdb.formats.what_came import WhatCame
-from conflictdb.model.place_text import place_text
+from conflictdb.model.place_text import minutes_text
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -146,6 +146,6 @@ def arrived(path: Path) -> str:
 
 
 def test_places_in_degrees_and_minutes() -> None:
-    assert place_text(10.0833, 57.6867) == "57°41.2'N 010°05.0'E"
-    assert place_text(190.0, -0.5) == "00°30.0'S 170°00.0'W"
-    assert place_text(-0.99999, 89.99999) == "90°00.0'N 001°00.0'W"
+    assert (minutes_text(57.6867, "NS"), minutes_text(10.0833, "EW")) == ("57°41'N", "010°05'E")
+    assert (minutes_text(-0.5, "NS"), minutes_text(190.0, "EW")) == ("00°30'S", "170°00'W")
+    assert (minutes_text(89.99999, "NS"), minutes_text(-0.99999, "EW")) == ("90°00'N", "001°00'W")
