@@ -232,14 +232,15 @@ class StoredScene:
 
         Outdated conflicts are left out, and all of them if there are more than 2,000: it would take seconds.
         """
-        from conflictdb.core.depths import depths
         from conflictdb.core.ranking import MOST_DEPTHS
 
         pairs = {(one.a_key, one.b_key) for one in conflicts if one.is_current is not False}
         if not 0 < len(pairs) <= MOST_DEPTHS:
             return {}
-        found = depths(*self._read(sorted({key for pair in pairs for key in pair})))
-        return {pair: one for pair, one in found.items() if pair in pairs}
+        # Imported here, so that lists without depths start without numpy.
+        from conflictdb.core.depths import depths
+
+        return depths(*self._read(sorted({key for pair in pairs for key in pair})), only=pairs)
 
     def approaches(self) -> Listing[Approach]:
         """Return the closest approaches: of conflicts, and of pairs within the scene's `nearest_m`.

@@ -1,6 +1,6 @@
 """How deep pairs of objects undercut their required separation, and when most: the worst instant of a conflict."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,18 +37,27 @@ class DeepestContact:
     separation_m: float = 0.0
 
 
-def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[tuple[str, str], DeepestContact]:
+def depths(
+    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], only: Iterable[tuple[str, str]] | None = None
+) -> dict[tuple[str, str], DeepestContact]:
     """Return the depth of each pair of objects that undercuts its separation, by keys: the area first, then by key.
 
     Pairs without a known distance are left out, and all pairs with a separation in time.
+
+    only : pairs of keys to compute, None for all
     """
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     world = World.of(scene, areas, tracks)
     setup, pieces = world.setup, occupy(world, areas, tracks, is_lenient=True, warns=True).pieces
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
+    of_pieces = Memory(pieces).rows(Question())
+    if only is not None:
+        in_order = [*keys[Kind.AREA.code], *keys[Kind.TRACK.code]]
+        is_asked = _is_among(only, pieces, *of_pieces, in_order, len(areas))
+        of_pieces = PieceRows(of_pieces[0][is_asked]), PieceRows(of_pieces[1][is_asked])
     found: dict[tuple[str, str], DeepestContact] = {}
-    for settings, own, *pair in Separations.of(setup.scene).split(pieces, *Memory(pieces).rows(Question())):
+    for settings, own, *pair in Separations.of(setup.scene).split(pieces, *of_pieces):
         if settings.time_separation_us:
             continue
         pairs = intersections(own, *pair, regions=False)
@@ -62,6 +71,17 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
             when_us = None if at_us[k] < 0 else int(at_us[k])
             found.setdefault((key[0], key[1]), DeepestContact(float(depth_m[k]), when_us, settings.separation_m))
     return found
+
+
+def _is_among(
+    only: Iterable[tuple[str, str]], pieces: Pieces, a: PieceRows, b: PieceRows, keys: Sequence[str], areas: int
+) -> NDArray[np.bool_]:
+    """Return whether pieces a and b (n,) are of a pair of objects in `only`; keys of areas, then of tracks."""
+    number = {key: n for n, key in enumerate(keys)}
+    pairs = [sorted((number[one], number[other])) for one, other in only if one in number and other in number]
+    of = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, areas, 0)
+    low, high = np.minimum(of[a], of[b]), np.maximum(of[a], of[b])
+    return np.isin(low * len(keys) + high, [low * len(keys) + high for low, high in pairs])
 
 
 def _of_pieces(plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[Floats, NDArray[np.int64]]:

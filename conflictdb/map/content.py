@@ -156,8 +156,7 @@ def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float |
         if 0 < len(some) <= MOST_DEPTHS:
             keys = sorted({key for one in some for key in (one.pair.a, one.pair.b)})
             pairs = {(one.pair.a, one.pair.b) for one in some}
-            deepest = depths_of(*store.read_scene(conn, scene, keys))
-            known = {pair: one for pair, one in deepest.items() if pair in pairs}
+            known = depths_of(*store.read_scene(conn, scene, keys), only=pairs)
     found.sort(key=lambda one: rank(one.facts, known))
     return [(one.number, *_deepest(one.facts, known.get((one.pair.a, one.pair.b)))) for one in found]
 

@@ -155,8 +155,7 @@ def _depths(checked: Checked) -> Known:
         return {}
     areas = [one for one in checked.areas if one.key in keys]
     pairs = {(one.a_key, one.b_key) for one in checked.conflicts if one.is_current is not False}
-    found = depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys])
-    return {pair: one for pair, one in found.items() if pair in pairs}
+    return depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys], only=pairs)
 
 
 def _missing(known: Known, one: Conflict) -> str:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
+from conflictdb.core import depths as module
+from conflictdb.core.depths import _of_pieces as of_pieces
 from conflictdb.core.depths import depths
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.model.rules import Rule
@@ -31,6 +33,21 @@ def test_depth_of_ships_that_pass_is_the_way_across(separation_m: float) -> None
     assert depth.at_us is not None
     # While one is as deep as the other is long, the way across is the shortest.
     assert abs(depth.at_us - T0_US - HOUR_US // 2) < 130_000_000
+
+
+def test_depths_of_some_pairs_compute_these_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A list of few conflicts of a crowded scene waits for no others."""
+    areas = [Area(key, shapely.box(-0.1, -0.1, 0.1, 0.1)) for key in ("A", "Z")]
+    ships = [sail(key, -0.1, 0.1, 0.0) for key in ("B", "EAST", "WEST")]
+    scene = Scene("s", **SPHERE)
+    every = depths(scene, areas, ships)
+    assert len(every) == 10
+    computed = []
+    monkeypatch.setattr(module, "_of_pieces", lambda *given: computed.append(len(given[2])) or of_pieces(*given))
+    some = [("A", "Z"), ("Z", "B"), ("EAST", "WEST")]
+    assert depths(scene, areas, ships, only=[*some, ("A", "REMOVED")]) == {pair: every[pair] for pair in some}
+    assert computed == [3]
+    assert depths(scene, areas, ships, only=[]) == {}
 
 
 def test_depth_within_a_separation_only() -> None:
