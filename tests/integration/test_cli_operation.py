@@ -271,6 +271,8 @@ def test_listing_commands_import_no_solver(dsn: str, run: Run) -> None:
         ["status"],
         ["scenes"],
         *([name, "--scene", "strait"] for name in ("objects", "history")),
+        # A table says how close, which is computed.
+        *(["conflicts", "--scene", "strait", "--format", form] for form in ("json", "csv", "geojson")),
     ):
         command = [sys.executable, "-c", script, "--dsn", dsn, *words]
         done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=True)
