@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, TypeAlias
 
-# Rows of all tables; of a row the first members are its table and scene.
+# Rows of all tables; the first members of a row are its table and scene.
 #   object SCENE KEY PLACE VERSION | mark SCENE KEY NAME COVERED | piece SCENE KEY PLACE | conflict SCENE KEY KEY
 #   edit SCENE KEY VERSION-OF-PARENT | lock SCENE COUNT | admission SCENE COUNT | admitted SCENE KEY PLACE
 #   merged SCENE KEY VERSION-OF-PARENT VERSION-REPLACED
@@ -62,7 +62,7 @@ class Session:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Deviations from the product, each of which the search must find."""
+    """Deviations from the product; the search must find each."""
 
     deletes_unseen_marks: bool = False
     admits_without_lock: bool = False
@@ -92,7 +92,7 @@ def places(rows: Rows, table: str, scene: str) -> dict[str, int]:
 
 
 def meeting(at: dict[str, int], members: set[str]) -> set[tuple[str, str]]:
-    """Return the pairs at the same place, one of them among some members."""
+    """Return the pairs at the same place that contain a member."""
     return {(a, b) for a, b in combinations(sorted(at), 2) if at[a] == at[b] and members & {a, b}}
 
 
@@ -122,11 +122,12 @@ def untruth(rows: Rows) -> str:
     return ""
 
 
-def _commit(step: int, keep: bool = False) -> Step:
-    def commit(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        yield rows - me.removed | me.added, me.ended(me.step + 1 if step < 0 else step, me.memory if keep else ())
+def _commit(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
+    yield rows - me.removed | me.added, me.ended(me.step + 1, me.memory)
 
-    return commit
+
+def _commit_and_start_over(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
+    yield rows - me.removed | me.added, me.ended(0)
 
 
 def _put(scene: str, key: str, place: int | None, name: str) -> Step:
@@ -154,23 +155,28 @@ def editor(name: str, *transactions: Sequence[tuple[str, str, int | None]]) -> A
     steps: list[Step] = []
     for edits in transactions:
         steps += [_put(*edit, f"{name}{len(steps)}.{nr}") for nr, edit in enumerate(edits)]
-        steps.append(_commit(-1))
+        steps.append(_commit)
     return steps
 
 
-def _begin(scene: str, idle: int) -> Step:
+def _begin(scene: str) -> Step:
+    """Begin a transaction; the first one waits for marks."""
+
     def begin(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        if of(rows, "mark", scene) or me.step != idle:
+        if me.step or of(rows, "mark", scene):
             yield rows, replace(me, snapshot=rows, step=me.step + 1)
 
     return begin
 
 
 def _took(rows: Rows, me: Session, locked: frozenset[Row], scene: str, faults: Faults) -> int | None:
-    """Return the count of a scene's lock after this transaction took it; None: it is held, or was since its snapshot.
+    """Return the count of a scene's lock after this transaction took it; None: it cannot take the lock.
 
-    In the product a row lock does this: after a change since the snapshot, taking it is a serialization failure.
+    Another transaction has the lock, took it since this one's snapshot, or removes or removed the scene. In the product
+    a row lock does this: after a change since the snapshot, taking it is a serialization failure.
     """
+    if ("row of scene", scene) in locked or not of(rows, "lock", scene):
+        return None
     (lock,) = of(me.sees(rows), "lock", scene)
     if faults.detects_without_lock:
         return lock[2] + 1
@@ -210,55 +216,52 @@ def _with_conflicts(rows: Rows, me: Session, scene: str, faults: Faults) -> Sess
     gone = covered | (stale - found)
     if faults.deletes_unseen_marks:
         gone |= frozenset(of(rows, "mark", scene))
-    marked: set[Row] = set()
-    for child, waits in ((BRANCH, scene == SCENE), (BRANCH, scene == BRANCH and bool(of(sees, "mark", SCENE)))):
-        if waits and not (faults.parent_marks_no_branch if scene == SCENE else faults.branch_ignores_waiting_parent):
-            name = ("by detection", scene, max(row[2] for row in of(sees, "lock", scene)))
-            marked |= {("mark", child, key, name, False) for key in own_keys(sees, child)}
-    return me.writes(gone, frozenset(found | marked))
+    # A detection of the parent marks its branch; one of the branch does if it sees that the parent waits.
+    if scene == SCENE:
+        marks_branch = not faults.parent_marks_no_branch
+    else:
+        marks_branch = bool(of(sees, "mark", SCENE)) and not faults.branch_ignores_waiting_parent
+    if marks_branch:
+        (lock,) = of(sees, "lock", scene)
+        found |= {("mark", BRANCH, key, f"detection of {scene} {lock[2]}", False) for key in own_keys(sees, BRANCH)}
+    return me.writes(gone, frozenset(found))
 
 
 def detector(scene: str, faults: Faults, *, two: bool = False, crashes: bool = False) -> Actor:
     """Return an actor that detects whenever a scene has marks, in one transaction or two, and perhaps ends between."""
 
-    def is_in_the_way(rows: Rows, locked: frozenset[Row]) -> bool:
-        return ("row of scene", scene) in locked or not of(rows, "lock", scene)
-
-    def few(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        count = None if is_in_the_way(rows, locked) else _took(rows, me, locked, scene, faults)
-        if count is None:
-            yield rows, me.ended(0)
-            return
-        made = _with_pieces(rows, _counted(me, scene, count), scene)
-        yield rows, replace(_with_conflicts(rows, made, scene, faults), step=me.step + 1)
+    def write(rows: Rows, me: Session, mine: Session) -> Iterator[tuple[Rows, Session]]:
+        yield rows, replace(_with_conflicts(rows, mine, scene, faults), step=me.step + 1)
         if crashes and me.crashes:
             yield rows, me.crashed()
 
+    def few(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
+        count = _took(rows, me, locked, scene, faults)
+        if count is None:
+            yield rows, me.ended(0)
+        else:
+            yield from write(rows, me, _with_pieces(rows, _counted(me, scene, count), scene))
+
     def first(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        count = None if is_in_the_way(rows, locked) else _took(rows, me, locked, scene, faults)
+        count = _took(rows, me, locked, scene, faults)
         if count is None:
             yield rows, me.ended(0)
         else:
             yield rows, replace(_with_pieces(rows, _counted(me, scene, count), scene), memory=(count,))
 
     def second(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        count = None if is_in_the_way(rows, locked) else _took(rows, me, locked, scene, faults)
-        if count is None:
-            if ("lock", scene) not in locked and not is_in_the_way(rows, locked):
-                yield rows, replace(me.ended(me.step - 1), memory=me.memory)  # a serialization failure: begin again
-            elif not of(rows, "lock", scene):
-                yield rows, me.ended(0)
-            return
-        mine = _counted(me, scene, count)
-        if count != me.memory[0] + 1:
-            mine = _with_pieces(rows, mine, scene)
-        yield rows, replace(_with_conflicts(rows, mine, scene, faults), step=me.step + 1)
-        if crashes and me.crashes:
-            yield rows, me.crashed()
+        count = _took(rows, me, locked, scene, faults)
+        if count is not None:
+            mine = _counted(me, scene, count)
+            yield from write(rows, me, mine if count == me.memory[0] + 1 else _with_pieces(rows, mine, scene))
+        elif not of(rows, "lock", scene):
+            yield rows, me.ended(0)
+        elif not {("lock", scene), ("row of scene", scene)} & locked:
+            yield rows, me.ended(me.step - 1, me.memory)  # a serialization failure: begin again
 
     if not two:
-        return [_begin(scene, 0), few, _commit(0)]
-    return [_begin(scene, 0), first, _commit(-1, keep=True), _begin(scene, 0), second, _commit(0)]
+        return [_begin(scene), few, _commit_and_start_over]
+    return [_begin(scene), first, _commit, _begin(scene), second, _commit_and_start_over]
 
 
 def admission(key: str, place: int, faults: Faults, *, by_worker: bool) -> Actor:
@@ -285,13 +288,14 @@ def admission(key: str, place: int, faults: Faults, *, by_worker: bool) -> Actor
 
     def read(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
         near = [row for row in of(me.sees(rows), "object", SCENE) if row[3] == place]
-        yield rows, me.ended(5) if near else replace(me, step=me.step + 1)
+        yield rows, me.ended(len(steps)) if near else replace(me, step=me.step + 1)
 
     def put(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
         for after, one in _put(SCENE, key, place, f"admitted {key}")(rows, me, locked):
             yield after, replace(one, added=one.added | {("admitted", SCENE, key, place)})
 
-    return [begin, lock, read, put, _commit(5)]
+    steps: Actor = [begin, lock, read, put, _commit]
+    return steps
 
 
 def merge(key: str, faults: Faults) -> Actor:
@@ -310,22 +314,23 @@ def merge(key: str, faults: Faults) -> Actor:
         yield rows, replace(me, step=me.step + 1, memory=(now[4] == found[3],))
 
     def take(rows: Rows, me: Session, locked: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
-        wanted = {("row of scene", BRANCH), *(("object", scene, key) for scene in (BRANCH, SCENE))}
-        if not wanted & locked:
-            yield rows, replace(me, locks=me.locks | wanted, step=me.step + 1)
+        locks = {("row of scene", BRANCH), *(("object", scene, key) for scene in (BRANCH, SCENE))}
+        if not locks & locked:
+            yield rows, replace(me, locks=me.locks | locks, step=me.step + 1)
 
     def put(rows: Rows, me: Session, _: frozenset[Row]) -> Iterator[tuple[Rows, Session]]:
         found, now = edit(rows), version(rows)
         mine = next((row for row in of(rows, "object", BRANCH) if row[2] == key), None)
         is_same = found is not None and now is not None and now[4] == found[3]
         if mine is None or not (me.memory[0] if faults.merge_checks_before_locks else is_same):
-            yield rows, me.ended(4)
+            yield rows, me.ended(len(steps))
         elif found is not None and now is not None:
             gone = {row for row in rows if row[1] == BRANCH} | {now}
             made = {("object", SCENE, key, mine[3], "merged"), ("mark", SCENE, key, "merged", False)}
             yield rows, me.writes(frozenset(gone), frozenset(made | {("merged", BRANCH, key, found[3], now[4])}))
 
-    return [check_early, take, put, _commit(4)]
+    steps: Actor = [check_early, take, put, _commit]
+    return steps
 
 
 def start(at: dict[str, int]) -> Rows:
