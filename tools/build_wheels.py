@@ -54,12 +54,17 @@ def build_wheel(
         of_tree.compile_with(compiler, library, *flags, platform=target.uname)
         # As hatch_build.py takes them.
         given = {"CONFLICTDB_WHEEL_LIBRARY": str(library), "CONFLICTDB_WHEEL_PLATFORM": target.wheel}
-        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
-        subprocess.run(command, check=True, cwd=tree, env={**environ, **given})
+        build_archive("wheel", directory, tree, {**environ, **given})
+
+
+def build_archive(kind: str, directory: Path, tree: Path, environ: Mapping[str, str]) -> None:
+    """Build the `wheel` or the `sdist` of a tree into a directory."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(directory)]
+    subprocess.run(command, check=True, cwd=tree, env=environ)
 
 
 def kernel_build_of(tree: Path) -> ModuleType:
-    """Return conflictdb/kernel/build.py of a tree, which is not the one that is installed."""
+    """Return conflictdb/kernel/build.py of a tree; another one is installed."""
     spec = importlib.util.spec_from_file_location("build_of_tree", tree / "conflictdb/kernel/build.py")
     if spec is None or spec.loader is None:
         raise ImportError(f"{tree}: no conflictdb/kernel/build.py")

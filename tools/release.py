@@ -1,4 +1,4 @@
-"""Make the files of a release from the last commit, prove that they can be made again, and upload them.
+"""Make the files of a release from the last commit, build them twice and compare, and upload them.
 
     ./run release --dry-run [DIRECTORY]    # all but the upload, into DIRECTORY (default: dist)
     ./run release [DIRECTORY]              # the commit has its tag: all, and the upload by `twine`, which you install
@@ -18,7 +18,7 @@ import tempfile
 import tomllib
 from pathlib import Path
 
-from build_wheels import TARGETS, build_wheel
+from build_wheels import TARGETS, build_archive, build_wheel
 from conflictdb.kernel import build
 from sbom import text
 
@@ -60,16 +60,14 @@ def make(directory: Path, of: str, said: str) -> list[Path]:
     directory.mkdir(parents=True, exist_ok=True)
     if any(directory.iterdir()):
         raise Refused(f"{directory} is not empty: name another directory, or empty it")
+    environ = {**os.environ, "SOURCE_DATE_EPOCH": _git("log", "-1", "--format=%ct")}
     with tempfile.TemporaryDirectory() as name, build.zig() as compiler:
         again = Path(name, "again")
-        for k, made_in in enumerate((directory, again)):
-            tree = Path(name, "another directory" if k else "tree")
+        for made_in, tree in ((directory, Path(name, "tree")), (again, Path(name, "another directory"))):
             _export(tree)
-            given = {**os.environ, "SOURCE_DATE_EPOCH": _git("log", "-1", "--format=%ct")}
-            command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(made_in)]
-            subprocess.run(command, cwd=tree, env=given, check=True)
+            build_archive("sdist", made_in, tree, environ)
             for target in TARGETS:
-                build_wheel(compiler, target, made_in, tree, given)
+                build_wheel(compiler, target, made_in, tree, environ)
         files = sorted(directory.iterdir())
         differ = [one.name for one in files if digest(one) != digest(again / one.name)]
         if differ:
@@ -107,10 +105,11 @@ def main() -> int:
     try:
         date, said = notes((ROOT / "CHANGELOG.md").read_text(), of)
         still = lacking(of, date)
-        if not args.dry_run and still:
-            raise Refused("; ".join(still))
-        if not args.dry_run and shutil.which("twine") is None:
-            raise Refused("install twine, which uploads: pip install twine")
+        if not args.dry_run:
+            if still:
+                raise Refused("; ".join(still))
+            if shutil.which("twine") is None:
+                raise Refused("install twine, which uploads: pip install twine")
         files = make(args.directory.resolve(), of, said)
     except Refused as error:
         sys.stderr.write(f"release: {error}\n")
@@ -121,8 +120,8 @@ def main() -> int:
         sys.stdout.write(f"before the upload: {line}\n")
     if args.dry_run:
         return 0
-    wanted = [str(one) for one in files if one.name.endswith((".whl", ".tar.gz"))]
-    return subprocess.run(["twine", "upload", *wanted], check=False).returncode
+    built = [str(one) for one in files if one.name.endswith((".whl", ".tar.gz"))]
+    return subprocess.run(["twine", "upload", *built], check=False).returncode
 
 
 if __name__ == "__main__":

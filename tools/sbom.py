@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 ROOT = Path(__file__).resolve().parents[1]
-# Packages of run time, and further ones of extras.
+# Packages of run time, then those that extras add.
 PINS: Final = (
     ("requirements.txt", "required"),
     ("requirements-extras.txt", "optional"),
