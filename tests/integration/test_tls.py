@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psycopg
 import pytest
-from commands import STRAIT, runner
+from commands import STRAIT, STRAIT_CAME, runner
 from databases import server_directory
 from installations import local_server
 from patience import WAIT_S
@@ -91,13 +91,6 @@ def verified(home: Path, port: int, host: str = "localhost", authority: str = "c
     return f"host={host} port={port} user=postgres sslmode=verify-full sslrootcert={home / authority}.crt"
 
 
-# What a load says of the shipped scene.
-BROUGHT = (
-    "conflictdb: strait: 4 areas and 7 tracks, 57°18'N to 58°21'N, 008°00'E to 010°36'E, 2026-05-20 00:00 to "
-    "2026-06-01 16:00 UTC, 6 to 140 kn, -700 to 3,000 m high\n"
-)
-
-
 def test_all_commands_work(secured: tuple[Path, int], capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     run = runner(f"{verified(*secured)} dbname=postgres", capsys)
     for words in (
@@ -110,7 +103,7 @@ def test_all_commands_work(secured: tuple[Path, int], capsys: pytest.CaptureFixt
         ["status"],
     ):
         done = run(*words)
-        assert (done.code, done.err.replace(BROUGHT, "")) == (DONE, ""), (words, done.err)
+        assert (done.code, done.err.replace(STRAIT_CAME, "")) == (DONE, ""), (words, done.err)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,11 @@ KEPT = (
     "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
 )  # fmt: skip
 STRAIT = Path(conflictdb.__file__).parent / "scenes" / "strait.geojson"
+# A load of it prints this on stderr.
+STRAIT_CAME = (
+    "conflictdb: strait: 4 areas and 7 tracks, 57°18'N to 58°21'N, 008°00'E to 010°36'E, 2026-05-20 00:00 to "
+    "2026-06-01 16:00 UTC, 6 to 140 kn, -700 to 3,000 m high\n"
+)
 
 
 @dataclass(frozen=True, slots=True)
