@@ -15,7 +15,6 @@ from mixed_scenes import Mixed, mixed_scene
 from conflictdb import IncompleteWarning, solve
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import Area, Motion, Scene, Track
-from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict, Verdict
 
 Pair = tuple[str, str]
@@ -216,11 +215,6 @@ def _near(one: datetime | None, two: datetime | None, error_s: float) -> bool:
     if one is None or two is None:
         return one is two
     return abs(one - two) <= timedelta(seconds=error_s)
-
-
-def delayed(one: Plan, by_us: int) -> Plan:
-    """Return a track that departs later, its windows as much later; or an area whose activations all are later."""
-    return later(one, by_us)
 
 
 def at_speed(track: Track, factor: float) -> Track:

@@ -44,8 +44,6 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Verdict
 from conflictdb.model.settings import SETTINGS
 
-_TIMEOUT_S: Final = WAIT_S
-
 
 @dataclass
 class StoredCase(Case):
@@ -428,7 +426,7 @@ def probe_by_worker(case: StoredCase) -> Finding:
     def ask() -> None:
         with connect(case.dsn) as db, idle_schedules():
             try:
-                found.append(db.scene(case.stored.name).probe(case.mixed.plan, worker_timeout_s=_TIMEOUT_S))
+                found.append(db.scene(case.stored.name).probe(case.mixed.plan, worker_timeout_s=WAIT_S))
             except Exception as error:
                 found.append(error)
 
@@ -475,7 +473,8 @@ def admit_in_sql(case: StoredCase) -> Finding:
         admitted, conflicts, request = row
         if request is not None:
             case.answer_requests()
-            row = conn.execute("SELECT * FROM conflictdb.wait_for_admission(%s, '180 s')", [request]).fetchone()
+            wait = f"SELECT * FROM conflictdb.wait_for_admission(%s, '{WAIT_S:g} s')"
+            row = conn.execute(wait.encode(), [request]).fetchone()
             conn.commit()
             assert row is not None
             admitted, conflicts = row
@@ -556,19 +555,10 @@ def area_delays_by_key(case: StoredCase) -> Finding:
 
 def delays_in_sql(case: StoredCase) -> Finding:
     """request_delays, which a worker answers: the least delays of `delays`."""
-    track, conn = case.single_track(), case.db.connection
+    track = case.single_track()
     beyond, scene = case.beyond(track)
-    name = scene.name
-    row = conn.execute(
-        "SELECT conflictdb.request_delays(%s, %s, %s)", [name, track.key, timedelta(seconds=DAYS_S)]
-    ).fetchone()
-    conn.commit()
-    assert row is not None
-    case.answer_requests()
-    found = conn.execute("SELECT * FROM conflictdb.wait_for_delays(%s, '180 s')", [row[0]])
-    names = [column.name for column in found.description or ()]
-    answer = dict(zip(names, found.fetchone() or (), strict=True))
-    conn.commit()
+    question = "SELECT conflictdb.request_delays(%s, %s, %s)"
+    [answer] = _requested(case, question, [scene.name, track.key, timedelta(seconds=DAYS_S)], "wait_for_delays")
     with idle_schedules():
         [computed] = delays_in_memory(beyond.mixed.tracks, beyond.mixed.areas, case.scene, track.key, DAYS_S)
     finding = Finding()
@@ -637,7 +627,7 @@ def _requested(case: StoredCase, question: str, parameters: Sequence[Any], wait:
     conn.commit()
     assert row is not None
     case.answer_requests()
-    found = conn.execute(f"SELECT * FROM conflictdb.{wait}(%s, '180 s')", [row[0]])  # type: ignore[arg-type]
+    found = conn.execute(f"SELECT * FROM conflictdb.{wait}(%s, '{WAIT_S:g} s')".encode(), [row[0]])
     names = [column.name for column in found.description or ()]
     rows = [dict(zip(names, one, strict=True)) for one in found.fetchall()]
     conn.commit()

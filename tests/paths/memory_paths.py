@@ -7,7 +7,7 @@ from typing import Final
 import geopandas
 import numpy as np
 import shapely
-from case import Case, Finding, NotApplicable, Plan, at_speed, delayed, idle_schedules, only_of, same, solved, waiting
+from case import Case, Finding, NotApplicable, Plan, at_speed, idle_schedules, only_of, same, solved, waiting
 from layouts import Hubs
 from scene_features import DAY_US
 
@@ -158,7 +158,7 @@ def claims_of_delays(case: Case, answer: Delays, track: Plan, within_s: float) -
     """Check the claims of delays by moving the track and solving again."""
     finding, whole_us = Finding(), round(1e6 * within_s)
     for at_us, is_free, one in _delays_to_check(answer, -whole_us, whole_us):
-        met = case.met_after(delayed(track, at_us))
+        met = case.met_after(later(track, at_us))
         if is_free:
             finding.check(not met, f"{track.key}: delay {at_us / 1e6} s is free, but meets {met}")
         elif one is not None:
@@ -167,11 +167,11 @@ def claims_of_delays(case: Case, answer: Delays, track: Plan, within_s: float) -
             finding.check(met <= set(one.by), f"{track.key}: delay {at_us / 1e6} s meets {met}, not only {one.by}")
     for sign, least_s in ((1, answer.least_later_s), (-1, answer.least_earlier_s)):
         if least_s is not None:
-            met = case.met_after(delayed(track, sign * round(1e6 * least_s)))
+            met = case.met_after(later(track, sign * round(1e6 * least_s)))
             finding.check(not met, f"{track.key}: advised delay {sign * least_s} s meets {met}")
     for share in (0.08, 0.31, 0.52, 0.77) if answer.blocked_by else ():
         at_us = round(1e6 * (answer.earliest_s + share * (answer.latest_s - answer.earliest_s)))
-        missing = set(answer.blocked_by) - case.met_after(delayed(track, at_us))
+        missing = set(answer.blocked_by) - case.met_after(later(track, at_us))
         finding.check(not missing, f"{track.key}: {missing} block every delay, but not one of {at_us / 1e6} s")
     return finding
 
@@ -363,7 +363,7 @@ def chances_in_memory(case: Case) -> Finding:
     delays_s = [0.0, 240.0, -600.0]
     with idle_schedules():
         answer = chances(case.mixed.tracks, case.mixed.areas, case.scene, {track.key: delays_s})
-    met = [case.met_after(delayed(track, round(1e6 * by_s))) for by_s in delays_s]
+    met = [case.met_after(later(track, round(1e6 * by_s))) for by_s in delays_s]
     finding = Finding()
     keys = {one.key for one in case.mixed.objects} - {track.key}
     for other in sorted(keys):

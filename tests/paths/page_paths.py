@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from case import Case, Finding, NotApplicable, delayed, idle_schedules, only_of, solved
+from case import Case, Finding, NotApplicable, idle_schedules, only_of, solved
 from page_in_node import HORIZON_US, answers_of_page
 
 from conflictdb.core.world import Reach, World
@@ -12,7 +12,7 @@ from conflictdb.map import what_if
 from conflictdb.map.editing import PlanMove, moved
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Track
-from conflictdb.model.recurring_plans import expanded_track
+from conflictdb.model.recurring_plans import expanded_track, later
 from conflictdb.model.results import Conflict
 
 # Later, microseconds, and higher, metres, if the track has a floor or a ceiling.
@@ -46,7 +46,7 @@ def what_if_of_page(case: Case) -> Finding:
     finding.check(answer["mayRise"] == has_limits, f"{track.key}: has limits: {has_limits}, may rise: not so")
     for (by_us, up_m), found in zip(moves, answer["conflicts"], strict=True):
         forbidden = dict(dict(answer["forbidden"])[up_m])
-        copy = delayed(planned, by_us)
+        copy = later(planned, by_us)
         copy = moved(copy, PlanMove(copy.key, "", 0, up_m, None, None))
         tracks = [copy if one.key == copy.key else one for one in case.mixed.tracks]
         rows = only_of(solved(tracks, case.mixed.areas, replace(case.scene, nearest_m=0.0)), {copy.key})
