@@ -63,9 +63,8 @@ def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
         stored = db.scene(scene.name)
         for _ in ("marked", "current"):
-            for key in ("nobody",):
-                with pytest.raises(InvalidInput, match=r"is not known|does not depart"):
-                    stored.delays(key)
+            with pytest.raises(InvalidInput, match="is not known"):
+                stored.delays("nobody")
             stored.detect()
         with pytest.raises(InvalidInput, match="within_s"):
             stored.delays(within_s=-1.0)
