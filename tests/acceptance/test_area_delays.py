@@ -1,4 +1,4 @@
-"""Delays of areas agree with a detection: no free delay conflicts, and none that is proven forbidden is free."""
+"""Delays of areas agree with a detection: free delays have no conflict, and delays proven forbidden have one."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track], moved: Area) -> se
 
 
 def asked(found: Delays, rng: np.random.Generator, within_us: int) -> list[int]:
-    """Some delays: beside each end, and at random."""
+    """Some delays: next to each end, and at random."""
     ends = [round(1e6 * end) for one in found.forbidden for end in (one.from_s, one.to_s)]
     near = [end + by for end in ends[:4] for by in (-1_000_000, -10, -1, 0, 1, 10, 1_000_000)]
     return [us for us in [0, *near, *rng.integers(-within_us, within_us, 3).tolist()] if abs(us) <= within_us]
@@ -30,7 +30,7 @@ def asked(found: Delays, rng: np.random.Generator, within_us: int) -> list[int]:
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, OCEAN], ids=lambda workload: workload.name)
 def test_areas_that_move_in_time(workload: Workload) -> None:
     """With separations in distance and time, several activations, areas without an end, and a margin."""
-    rng, count = np.random.default_rng(5), 0
+    rng, count, within_us = np.random.default_rng(5), 0, 6 * HOUR_US
     for seed, margin_s in ((1, 0.0), (2, 300.0)):
         scene, areas, tracks = plain_scene(workload, seed, 6, 8, separation_m=500.0)
         scene = replace(scene, time_separation_s=60.0)
@@ -40,7 +40,6 @@ def test_areas_that_move_in_time(workload: Workload) -> None:
         areas[1] = replace(areas[1], start_us=at_us + HOUR_US, end_us=None)
         wider = replace(scene, time_separation_s=60.0 + margin_s)
         for one in areas[:3]:
-            within_us = 6 * HOUR_US
             [found] = delays(tracks, areas, scene, one.key, within_us / 1e6, margin_s=margin_s)
             for us in asked(found, rng, within_us):
                 keys = met(wider, areas, tracks, later(one, us))

@@ -77,7 +77,7 @@ def test_2_what_changes_if_the_ferry_is_late(day: Run) -> None:
 
 
 def test_3_what_changes_if_the_survey_moves_west(day: Run) -> None:
-    """All three of its conflicts change, and no other."""
+    """Exactly its three conflicts change."""
     changed = day("probe", "--move", "SURVEY-7", "2nmi", "270", "--diff", "--format", "json")
     assert set(times(changed)) == {pair for pair in DAY if "SURVEY-7" in pair}
     assert {row["change"] for row in changed.json} == {"changed"}
@@ -174,7 +174,7 @@ def test_12_two_ferries_exchange_their_times(day: Run, tmp_path: Path) -> None:
 
 
 def test_13_what_changed_since_yesterday(day: Run, tmp_path: Path) -> None:
-    """What is gone is listed, too."""
+    """The lists contain conflicts that are gone."""
     before = day("history", "--format", "json").json[-1]["event"]
     file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
     day("detect", file)
@@ -183,12 +183,12 @@ def test_13_what_changed_since_yesterday(day: Run, tmp_path: Path) -> None:
     events = day("history", "--after", str(before), "--format", "json").json
     assert sorted(one["kind"] for one in events) == ["changed"] * 2 + ["closed"] * 3
     assert len(day("history", "--since", "24h", "--format", "json").json) == len(events) + 7
-    told = day("conflicts", "--since", "24h").out
-    assert "SUB EAST" in told, "a conflict that is gone"
+    printed = day("conflicts", "--since", "24h").out
+    assert "SUB EAST" in printed, "a conflict that is gone"
 
 
 def test_14_and_15_clear_the_scene_and_undo_it(day: Run) -> None:
-    """After the proposal nothing conflicts; after its undoing the same conflicts are there, to the second."""
+    """After the proposal nothing conflicts; after its undoing the same conflicts return, to the second."""
     proposed = day("resolve", "--within", "12h", "--limit", "10m", "--format", "json")
     assert proposed.code == 0, proposed.err
     number = str(proposed.json["proposal_id"])
@@ -205,9 +205,9 @@ def test_16_try_a_change_in_a_branch_compare_and_merge(day: Run, tmp_path: Path)
     file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
     assert day("load", file, "--scene", "trial").code == 0
     assert day("detect", "--scene", "trial").code == 0
-    told = day("branch", "diff", "trial", "--format", "json").json
-    assert [one["key"] for one in told["objects"]] == ["FERRY NORTH"]
-    assert {(one["a_key"], one["b_key"]) for one in told["conflicts"]} == {
+    difference = day("branch", "diff", "trial", "--format", "json").json
+    assert [one["key"] for one in difference["objects"]] == ["FERRY NORTH"]
+    assert {(one["a_key"], one["b_key"]) for one in difference["conflicts"]} == {
         ("EK D 382", "FERRY NORTH"),
         ("FERRY NORTH", "FERRY SOUTH"),
     }
@@ -232,14 +232,14 @@ def test_17_a_missing_time_is_refused(run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mistake", "told"),
+    ("mistake", "remark"),
     [
         ({"swapped": True}, "'FERRY NORTH': lies "),
         ({"speed_kn": 180}, "'FERRY NORTH': travels at "),
         ({"start": "2062-12-01T06:00:00Z"}, "'FERRY NORTH': begins on 2062-12-01"),
     ],
 )
-def test_17_mistakes_load_with_a_remark(run: Run, tmp_path: Path, mistake: dict[str, Any], told: str) -> None:
+def test_17_mistakes_load_with_a_remark(run: Run, tmp_path: Path, mistake: dict[str, Any], remark: str) -> None:
     """One line names the object and how far it is from the rest; another says what came."""
     scene = json.loads((TASKS / "day.geojson").read_text())
     ferry = scene["features"][2]
@@ -250,7 +250,7 @@ def test_17_mistakes_load_with_a_remark(run: Run, tmp_path: Path, mistake: dict[
     (tmp_path / "mistake.geojson").write_text(json.dumps(scene))
     done = run("load", tmp_path / "mistake.geojson")
     assert done.code == 0
-    assert len([line for line in done.err.splitlines() if told in line]) == 1, done.err
+    assert len([line for line in done.err.splitlines() if remark in line]) == 1, done.err
     assert "2 areas" in done.out + done.err
     assert "4 tracks" in done.out + done.err
 

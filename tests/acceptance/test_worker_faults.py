@@ -69,7 +69,7 @@ class Site:
             )
 
     def replace_worker(self) -> None:
-        """Start a worker when the backend of the former one is gone, and wait until it is connected."""
+        """Start a worker when the backend of the former worker is gone, and wait until it is connected."""
         with psycopg.connect(self.server.dsn, autocommit=True) as conn:
             self.backends(conn)
             self.start_worker()
@@ -94,7 +94,7 @@ class Site:
             conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=WAIT_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
-        """Return the backends that serve workers, as soon as all workers, and no former ones, are connected.
+        """Return the backends that serve workers, as soon as exactly the present workers are connected.
 
         A worker whose first connection fails ends, as it should; one that has stamped connects again.
         """

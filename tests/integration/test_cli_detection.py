@@ -86,7 +86,7 @@ def test_table_csv_and_geojson_show_the_same_pairs(run: Run) -> None:
         f"FIRING  SURVEY  conflict  {times}        3  {'inside by 7.5 nmi':22}  {'Firing practice':26}  Survey aircraft"
     )
     assert survey in table
-    # Two that move before one that does, this before none; then the soonest.
+    # Two moving objects, then one, then none; within these the soonest.
     assert [line.split()[:2] for line in (table[1], table[2], table[-1])] == [
         ["FERRY", "TOW"],
         ["CABLE", "SUB-1"],

@@ -478,7 +478,7 @@ def test_streams_of_many_scenes_share_one_connection_and_end_with_their_pages(st
               WHERE datname = current_database() AND application_name = 'conflictdb map'"""
     strait.read("/api/scene")
     with psycopg.connect(dsn, autocommit=True) as conn:
-        until(lambda: conn.execute(ours).fetchone() == (2,), what="one for requests, and one that listens")
+        until(lambda: conn.execute(ours).fetchone() == (2,), what="a connection for requests, and a listener")
         streams = [_stream(strait, f"scene-{n}") for n in range(MOST_VIEWS)]
         again = _stream(strait, "scene-0")
         try:

@@ -96,7 +96,7 @@ def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute:
 
 
 @pytest.mark.parametrize(
-    ("word", "what", "wanted"),
+    ("word", "what", "needed"),
     [
         ("plot", "what draws figures", 1),
         ("report", "what draws figures", 1),
@@ -105,9 +105,9 @@ def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute:
     ],
 )
 def test_packages_are_added_when_they_are_first_asked_for(
-    tmp_path: Path, path: Path, word: str, what: str, wanted: int
+    tmp_path: Path, path: Path, word: str, what: str, needed: int
 ) -> None:
-    """An environment with fewer packages gets the pinned ones that the command needs; one with more stays."""
+    """An environment with fewer packages gets the pins that the command needs; an environment with more stays."""
     venv, calls = tmp_path / "venv", tmp_path / "calls"
     program(path / "python3", "exit 0")
     for program_name in ("python", "conflictdb"):
@@ -117,10 +117,10 @@ def test_packages_are_added_when_they_are_first_asked_for(
         calls.write_text("")
         answer = run(path, venv, word, "-k", "words")
         assert answer.returncode == 0
-        assert (f"adding {what} to" in answer.stderr) == (i < wanted)
+        assert (f"adding {what} to" in answer.stderr) == (i < needed)
         assert [
-            line.endswith(f"--require-hashes -r {ROOT / PINS[wanted]}") for line in calls.read_text().splitlines()
-        ] == ([True] if i < wanted else [])
+            line.endswith(f"--require-hashes -r {ROOT / PINS[needed]}") for line in calls.read_text().splitlines()
+        ] == ([True] if i < needed else [])
         assert "adding" not in run(path, venv, word).stderr
 
 

@@ -1,4 +1,4 @@
-"""docs/reference/stability.md promises names; all of them are there."""
+"""The product has all names that docs/reference/stability.md promises."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ def promised(section: str) -> set[str]:
 
 
 def test_promised_names_are_there(conn: psycopg.Connection) -> None:
-    """A release that lacks one breaks a program of somebody else: first deprecate it, as the page says."""
+    """Users' programs need them. To remove a name, deprecate it first, as the page says."""
     found = {
         kind: {name for (name,) in conn.execute(query).fetchall()}
         for kind, query in {

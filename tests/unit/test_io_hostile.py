@@ -37,7 +37,7 @@ def nested(depth: int) -> str:
     return "[" * depth + "]" * depth
 
 
-# Long ones are made when a test needs them.
+# Functions make the longest texts when a test needs them.
 TEXTS: dict[str, tuple[str | Callable[[], str], str]] = {
     "deep": (f'{EMPTY}, "x": {nested(1_000_000)}}}', "nested too deeply"),
     "deep where a message would show it": (feature(f'{{"floor_m": {nested(900)}}}'), "floor_m|nested too deeply"),

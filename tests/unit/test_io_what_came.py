@@ -86,7 +86,7 @@ def test_mistakes_that_people_make_are_named(tmp_path: Path, mistake: dict[str, 
 
 
 def test_metres_a_second_for_knots_show_in_the_line(tmp_path: Path) -> None:
-    """12 m/s are 23 kn: no odd one where all are wrong, but the line says so."""
+    """12 m/s are 23 kn: no object is odd where all are wrong, but the line says so."""
     line = arrived(fleet(tmp_path, ship("ODD", 8.9, 12.0 * 1.943844)))
     assert line.endswith("2026-12-01 00:00 to 2026-12-01 07:30 UTC, 8 to 23 kn, -200 to -100 m high")
     assert line.startswith("7 tracks, 57°00'N to 58°00'N, 008°00'E to 008°54'E, ")

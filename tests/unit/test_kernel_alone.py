@@ -24,7 +24,7 @@ def test_a_program_in_c_links_the_kernel_alone(tmp_path: Path) -> None:
     strict = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror"]
     command = ["cc", *strict, *flags["Cflags"], str(EXAMPLE), *flags["Libs"], "-o", str(program)]
     subprocess.run(command, check=True, timeout=WAIT_S)
-    told = subprocess.run(
+    printed = subprocess.run(
         [program],
         env={"LD_LIBRARY_PATH": str(prefix / "lib"), "DYLD_LIBRARY_PATH": str(prefix / "lib")},
         capture_output=True,
@@ -32,8 +32,8 @@ def test_a_program_in_c_links_the_kernel_alone(tmp_path: Path) -> None:
         check=True,
         timeout=WAIT_S,
     ).stdout
-    found = re.fullmatch(r"conflict from (\S+) s to (\S+) s, each to (\S+) s\n", told)
-    assert found is not None, told
+    found = re.fullmatch(r"conflict from (\S+) s to (\S+) s, each to (\S+) s\n", printed)
+    assert found is not None, printed
     way_m = 6371008.771415 * math.radians(0.1)
     closing_mps = 2.0 * way_m / 3600.0
     for k, apart_m in ((1, 200.0), (2, -100.0)):  # ahead of both; astern of both
