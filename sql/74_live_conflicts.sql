@@ -88,8 +88,8 @@ COMMENT ON FUNCTION _notify_alarm(text, text, bigint, text, text, text) IS
 'Notifies channel conflictdb_alarm that an alarm has begun or ended; scene and keys are null if scenes are protected.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
-    p_scene_id bigint, p_keys text[], p_now_us bigint, OUT key text, OUT other_key text, OUT verdict text,
-    OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision
+    p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
+    OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -98,21 +98,41 @@ BEGIN
         SELECT c.key, c.other_key, c.verdict, c.reason, (extract(epoch FROM c.first_contact) * 1000000)::bigint,
                (extract(epoch FROM c.last_contact) * 1000000)::bigint, ST_X(c.place), ST_Y(c.place)
         FROM live_conflict c
-        WHERE c.scene_id = p_scene_id
-          AND (c.key = ANY (p_keys) OR c.other_key = ANY (p_keys)
-               OR c.last_contact < timestamptz 'epoch' + p_now_us * interval '1 microsecond');
+        WHERE c.scene_id = p_scene_id AND (c.key = ANY (p_keys) OR c.other_key = ANY (p_keys))
+          AND NOT EXISTS (SELECT FROM live_state l
+                          WHERE l.scene_id = p_scene_id AND l.key IN (c.key, c.other_key) AND l.key <> ALL (p_keys)
+                            AND l.state = 'off');
 END
 $$;
-COMMENT ON FUNCTION _open_alarms(bigint, text[], bigint) IS
-'Alarms of a scene with one of some keys, and those whose contact is over at an instant.';
+COMMENT ON FUNCTION _open_alarms(bigint, text[]) IS
+'Alarms of a scene with one of some keys, without those of a further track that is off: a look at that track alone '
+'finds what it may meet.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._scenes_with_alarms() RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(p_now_us bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_one record;
 BEGIN
-    RETURN QUERY SELECT DISTINCT c.scene_id FROM live_conflict c;
+    IF NOT _may_look() THEN
+        RETURN;
+    END IF;
+    FOR v_one IN
+        DELETE FROM live_conflict c USING scene s
+            WHERE s.scene_id = c.scene_id
+              AND (c.last_contact < timestamptz 'epoch' + p_now_us * interval '1 microsecond'
+                   OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
+                              WHERE k <> ''
+                                AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
+                                AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k)))
+            RETURNING CASE WHEN NOT _is_protected() THEN s.name END AS scene, c.alarm_id, c.key, c.other_key,
+                      c.verdict LOOP
+        PERFORM _notify_alarm(v_one.scene, 'ended', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+    END LOOP;
 END
 $$;
-COMMENT ON FUNCTION _scenes_with_alarms() IS 'Scenes that have alarms.';
+COMMENT ON FUNCTION _end_alarms(bigint) IS
+'Ends the alarms whose contact is over at an instant (microseconds), and those of removed objects. None while another '
+'session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],

@@ -35,12 +35,12 @@ def follow(
     scene_id: int,
     settings: Scene,
     states: Mapping[str, Kept],
-    plan_of: Callable[[str], PlannedTimes | None],
+    plan_of: Callable[[str], PlannedTimes],
     now_us: int,
 ) -> None:
     """Store what follows from new states of tracks of a scene, in the open transaction of a look."""
     rows = store.following(conn, scene_id, list(states))
-    former = store.open_alarms(conn, scene_id, list(states), now_us)
+    former = store.open_alarms(conn, scene_id, list(states))
     found: dict[Pair, store.Alarm] = {}
     near: dict[Pair, int] = {}
     slack: dict[str, float] = {}
@@ -61,9 +61,8 @@ def follow(
         late = state.late_us
         if state.is_as_planned or state.is_over:
             continue
-        plan = plan_of(key)
-        if state.state == OFF and plan is not None:
-            found |= _around(conn, settings, key, state, plan, now_us)
+        if state.state == OFF:
+            found |= _around(conn, settings, key, state, plan_of(key), now_us)
         elif late is None:
             found[key, ""] = store.Alarm("may", _LOST)
         elif not horizon_us:

@@ -88,10 +88,7 @@ class Looks:
                 if one.key in former and one.track_id in cut.cut
             }
             self._put(conn, scene_id, cut, former, states, {one.key: one.track_id for one in some}, now_us)
-        for scene_id in store.scenes_with_alarms(conn):
-            if scene_id not in of_scenes:
-                settings = store.read_settings(conn, scene_id)
-                follow(conn, scene_id, settings, {}, lambda _: None, now_us)
+        store.end_alarms(conn, now_us)
 
     def _compare(
         self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int, *, is_again: bool

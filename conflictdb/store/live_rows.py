@@ -181,20 +181,18 @@ def following(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str])
     return [Following(*row) for row in call_many(conn, "_follow", scene_id, list(keys))]
 
 
-def open_alarms(
-    conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str], now_us: int
-) -> dict[tuple[str, str], Alarm]:
-    """Return the alarms with one of some keys, and those whose contact is over."""
+def open_alarms(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> dict[tuple[str, str], Alarm]:
+    """Return the alarms with one of some keys, without those of a further track that is off."""
     found = {}
-    for row in call_many(conn, "_open_alarms", scene_id, list(keys), now_us):
+    for row in call_many(conn, "_open_alarms", scene_id, list(keys)):
         key, other_key, verdict, reason, first_us, last_us, lon, lat = row
         found[key, other_key] = Alarm(verdict, reason, first_us, last_us, None if lon is None else (lon, lat))
     return found
 
 
-def scenes_with_alarms(conn: psycopg.Connection[Any]) -> list[int]:
-    """Return the ids of the scenes that have alarms."""
-    return [number for (number,) in call_many(conn, "_scenes_with_alarms")]
+def end_alarms(conn: psycopg.Connection[Any], now_us: int) -> None:
+    """End the alarms whose contact is over, and those of removed objects, in the open transaction."""
+    call(conn, "_end_alarms", now_us)
 
 
 def put_alarms(

@@ -104,6 +104,42 @@ def test_a_ship_off_its_plan_may_meet_what_it_can_reach(conn: Conn) -> None:
     assert "A" not in {key for key, other in look(conn, 26) if other is None}
 
 
+def test_an_alarm_of_a_track_that_is_off_does_not_end_by_looks_at_the_other(conn: Conn) -> None:
+    """A is off its plan near B; then B, which is late, reports."""
+    detected(conn, [crossing("A", 0, north=False), crossing("B", 0, north=True)], delays_within_s=3600)
+    put(conn, "A", 25, 0.48, -0.05)
+    alarm = look(conn, 25)["A", "B"]
+    put(conn, "B", 25.5, 0.5, -0.5 + 20 / 60)
+    assert look(conn, 25.5)["A", "B"] == alarm
+    # It ends by a look at A.
+    put(conn, "A", 26, 26 / 60, 0)
+    assert look(conn, 26).get(("A", "B")) != alarm
+
+
+@pytest.mark.parametrize(("delays_within_s", "other"), [(3600, "TOW"), (0, None)])
+def test_alarms_of_removed_objects_end(conn: Conn, delays_within_s: float, other: str | None) -> None:
+    """Also without another position, and without an end of the contact."""
+    for removed in ("FERRY", *([] if other is None else [other])):
+        detected(
+            conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=delays_within_s
+        )
+        put(conn, "FERRY", 28, 18 / 60, 0)
+        assert set(look(conn, 28)) == {("FERRY", other)}
+        conn.execute("SELECT conflictdb.remove_object('s', %s)", [removed])
+        assert look(conn, 28.2) == {}
+        conn.execute("TRUNCATE conflictdb.live_state")
+
+
+def test_an_alarm_ends_when_its_contact_is_over(conn: Conn) -> None:
+    """Without another position: they meet from 39 to 41 minutes."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 29.5, 19.5 / 60, 0)
+    conn.execute("SET conflictdb.silent_after = '1 hour'")
+    assert set(look(conn, 30)) == {("FERRY", "TOW")}
+    assert set(look(conn, 38)) == {("FERRY", "TOW")}
+    assert look(conn, 43) == {}
+
+
 @pytest.mark.parametrize("draws", [6, pytest.param(150, marks=pytest.mark.slow)])
 def test_latenesses_looked_up_equal_detections_of_shifted_copies(conn: Conn, draws: int) -> None:
     """Each draw gives each of 40 tracks a lateness: 780 pairs, and those with areas. No contradiction."""
