@@ -7,7 +7,6 @@ import numpy as np
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.core.delays import Spans
-from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.model.speed_limits import MPS_PER_KNOT, shortest_m
 
 ON_PLAN: Final = "on plan"
@@ -148,8 +147,3 @@ def _chosen(latenesses: Spans, plan: PlannedTimes, at_us: int, former: Kept | No
     away = np.maximum(np.maximum(low - middle, middle - high), 0.0)
     k = int(np.argmin(away))
     return int(low[k]), int(high[k])
-
-
-def disc_m(kept: Kept, plan: PlannedTimes, later_us: int) -> float:
-    """Return the radius of the disc in which a track is, a time after its position."""
-    return min(kept.error_m + plan.fastest_mps * later_us / 1e6, 0.5 * MEAN_RADIUS_M)

@@ -40,8 +40,12 @@ class _CutPlan:
 
 @dataclass(slots=True)
 class _SceneLooks:
-    """The plans of a scene that have been cut, by the ids of their tracks, and with which settings."""
+    """The plans of a scene that have been cut, by the ids of their tracks, and with which settings.
 
+    setup : without separations
+    """
+
+    settings: Scene
     setup: Setup
     cut: dict[int, _CutPlan] = field(default_factory=dict)
 
@@ -150,15 +154,14 @@ class Looks:
             if not (state.is_as_planned and key in former and former[key].is_as_planned)
         }
         if changed:
-            settings = store.read_settings(conn, scene_id)
-            follow(conn, scene_id, settings, changed, lambda key: known.cut[tracks[key]].plan, now_us)
+            follow(conn, scene_id, known.settings, changed, lambda key: known.cut[tracks[key]].plan, now_us)
 
     def _cut(self, conn: psycopg.Connection[Any], scene_id: int, versions: dict[int, int]) -> _SceneLooks:
         """Return the plans of a scene that are cut, some tracks in these versions among them, unless they are gone."""
-        setup = _without_separations(store.read_settings(conn, scene_id))
+        settings = store.read_settings(conn, scene_id)
         known = self._scenes.get(scene_id)
-        if known is None or known.setup.scene != setup.scene or len(known.cut) > _MOST_PLANS:
-            known = self._scenes[scene_id] = _SceneLooks(setup)
+        if known is None or known.settings != settings or len(known.cut) > _MOST_PLANS:
+            known = self._scenes[scene_id] = _SceneLooks(settings, _without_separations(settings))
         missing = [t for t, v in versions.items() if t not in known.cut or known.cut[t].version != v]
         for first in range(0, len(missing), _AT_ONCE):
             tracks = store.some_tracks(conn, scene_id, missing[first : first + _AT_ONCE])
