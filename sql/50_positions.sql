@@ -189,14 +189,12 @@ DECLARE
     v_emptied integer := 0;
 BEGIN
     FOR v_slot IN 0..7 LOOP
-        EXECUTE format('SELECT count(*) = 0 FROM position_%s WHERE received_at > $1', v_slot)
+        EXECUTE format('SELECT EXISTS (SELECT FROM position_%1$s) '
+                       'AND NOT EXISTS (SELECT FROM position_%1$s WHERE received_at > $1)', v_slot)
             INTO v_is_old USING v_until;
         IF v_is_old THEN
-            EXECUTE format('SELECT count(*) > 0 FROM (SELECT FROM position_%s LIMIT 1) p', v_slot) INTO v_is_old;
-            IF v_is_old THEN
-                EXECUTE format('TRUNCATE position_%s', v_slot);
-                v_emptied := v_emptied + 1;
-            END IF;
+            EXECUTE format('TRUNCATE position_%s', v_slot);
+            v_emptied := v_emptied + 1;
         END IF;
     END LOOP;
     RETURN v_emptied;

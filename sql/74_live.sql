@@ -30,6 +30,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._unheard(
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
+DECLARE
+    v_heard_until timestamptz := to_timestamp(p_now_us / 1e6) - make_interval(secs => _silent_after_s());
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
@@ -39,8 +41,7 @@ BEGIN
     RETURN QUERY
         SELECT l.scene_id, l.key, t.track_id, t.version
         FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
-        WHERE l.state <> 'past its end'
-          AND l.instant < to_timestamp(p_now_us / 1e6) - make_interval(secs => _silent_after_s());
+        WHERE l.state <> 'past its end' AND l.instant < v_heard_until;
 END
 $$;
 COMMENT ON FUNCTION _unheard(bigint) IS
