@@ -277,9 +277,8 @@ class Worker:
         Skips scenes that failed a moment ago. Scenes that other sessions detect remain in `_busy`. Raises StoreError if
         the connection is lost.
         """
-        well = True
         self._answer(connection)
-        self._look(connection)
+        well = self._look(connection)
         store.drop_orphans(connection)
         waiting = store.waiting_scenes(connection)
         looked_at_s = time.monotonic()
@@ -311,19 +310,30 @@ class Worker:
             finally:
                 self.state.scene = None
             self._answer(connection)
-            self._look(connection)
+            well &= self._look(connection)
         return well
 
-    def _look(self, connection: "psycopg.Connection[Any]") -> None:
-        """Compare new positions with plans; at times look which tracks are silent, and empty old partitions."""
+    def _look(self, connection: "psycopg.Connection[Any]") -> bool:
+        """Compare new positions with plans; at times look which tracks are silent, and empty old partitions.
+
+        Return whether that succeeded. Raises StoreError if the connection is lost.
+        """
         is_silence_due = time.monotonic() - self._silence_at_s >= _SILENCE_EVERY_S
-        self._looks.look(connection, time.time_ns() // 1000, is_silence_due=is_silence_due)
-        if is_silence_due:
-            self._silence_at_s = time.monotonic()
-        if time.monotonic() - self._pruned_at_s >= _PRUNE_EVERY_S:
-            self._pruned_at_s = time.monotonic()
-            with store.transaction(connection):
-                store.prune_positions(connection)
+        try:
+            self._looks.look(connection, time.time_ns() // 1000, is_silence_due=is_silence_due)
+            if is_silence_due:
+                self._silence_at_s = time.monotonic()
+            if time.monotonic() - self._pruned_at_s >= _PRUNE_EVERY_S:
+                self._pruned_at_s = time.monotonic()
+                with store.transaction(connection):
+                    store.prune_positions(connection)
+        except (SchemaError, ReadOnlyDatabase):
+            raise
+        except Exception as error:  # faulty positions must not stop the scenes
+            _recover(connection, error)
+            self.say(f"cannot compare positions with plans, trying again: {_reason(error)}")
+            return False
+        return True
 
     def _answer(self, connection: "psycopg.Connection[Any]") -> None:
         """Answer requests (probes, delays) for a while, with the rights of this connection, not of who asked."""

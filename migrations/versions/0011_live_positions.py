@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "24379a951c2ede073195ab2a399fa1dfd3814697500f5914342be8202a737373"
+routines_sha256 = "d97743591e9ba712ccd5bccdfdd8fba0403ce00f11bf2fbe42f48cc76d7d09f0"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

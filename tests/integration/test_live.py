@@ -309,6 +309,20 @@ def test_a_plan_that_changes_is_compared_with_the_last_position(sea: Conn) -> No
     assert abs(found.late_from_s or 0.0) < 60.0
 
 
+def test_a_look_that_fails_does_not_stop_detection(sea: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan(sea, "A")
+    sea.commit()
+    said: list[str] = []
+
+    def failing(*_: Any, **__: Any) -> int:
+        raise ValueError("no such place")
+
+    monkeypatch.setattr(Looks, "look", failing)
+    assert not Worker(lambda: store.connect(dsn), lambda *_: None, say=said.append).once()
+    assert said[0] == "cannot compare positions with plans, trying again: no such place"
+    assert sea.execute("SELECT is_current FROM conflictdb.scenes").fetchall() == [(True,)]
+
+
 def test_a_worker_looks(sea: Conn, dsn: str) -> None:
     """By the clock: neither its silence nor the end of the plan comes while it does."""
     began = datetime.now(UTC) - timedelta(minutes=30)
