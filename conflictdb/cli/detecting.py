@@ -145,7 +145,7 @@ def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", 
         [
             one.key,
             one.state,
-            None if one.late_from_s is None or one.late_to_s is None else _lateness(one.late_from_s, one.late_to_s),
+            _lateness(one),
             None if one.off_m is None else f"{one.off_m:,.0f} m",
             None if one.slack_s is None else f"{one.slack_s / 60.0:,.0f} min",
             shown.moment(one.instant, up=False),
@@ -157,26 +157,28 @@ def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", 
 
 def _alarm_text(alarm: "LiveConflict", states: "Mapping[str, LiveTrack]", shown: Shown) -> str:
     """Return an alarm as a sentence, such as: FERRY +12 to +13 min late: meets TOW at 09:58:20 (slack used up)."""
-    who = []
-    for key in (alarm.key, alarm.other_key):
-        state = states.get(key) if key is not None else None
-        if key is not None and (state is not None or key == alarm.key):
-            late = None if state is None or state.late_from_s is None or state.late_to_s is None else state
-            said = "" if state is None or state.state == "on plan" else f" {state.state}"
-            by = "" if late is None or not said else f" {_lateness(late.late_from_s or 0.0, late.late_to_s or 0.0)}"
-            who.append((key, by + said))
-    first = who[0][0] + who[0][1]
+    first = _named(alarm.key, states)
     if alarm.other_key is None:
         return f"{first}: may meet anything near ({alarm.reason})"
-    other = who[1][0] + who[1][1] if len(who) > 1 else alarm.other_key
+    other = _named(alarm.other_key, states)
     at = "" if alarm.first_contact is None else f" at {shown.moment(alarm.first_contact, up=False)}"
     verb = {"must": "meets", "may": "may meet", "now": "meets now"}[alarm.verdict]
     return f"{first}: {verb} {other}{at} ({alarm.reason or 'slack used up'})"
 
 
-def _lateness(from_s: float, to_s: float) -> str:
-    """Return an interval of latenesses in minutes, rounded outward."""
-    least, most = math.floor(from_s / 60.0), math.ceil(to_s / 60.0)
+def _named(key: str, states: "Mapping[str, LiveTrack]") -> str:
+    """Return a key, and the state and lateness of its track unless it is on plan."""
+    one = states.get(key)
+    if one is None or one.state == "on plan":
+        return key
+    return " ".join(filter(None, (key, _lateness(one), one.state)))
+
+
+def _lateness(one: "LiveTrack") -> str | None:
+    """Return the interval of latenesses of a track in minutes, rounded outward."""
+    if one.late_from_s is None or one.late_to_s is None:
+        return None
+    least, most = math.floor(one.late_from_s / 60.0), math.ceil(one.late_to_s / 60.0)
     return f"{least:+d} to {most:+d} min" if least != most else f"{least:+d} min"
 
 
