@@ -2,21 +2,17 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
-from typing import Final
 
 from conflictdb import store
 from conflictdb.cli.changing import changes, has_changes
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import span_text
+from conflictdb.cli.load_report import json_row, span_text
 from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
-from conflictdb.model.results import Period, format_moment
+from conflictdb.model.results import Period
 from conflictdb.store import BranchDiff
-
-_PERIODS: Final = ("periods", "periods_before")
 
 
 def branch(args: argparse.Namespace) -> int:
@@ -63,8 +59,8 @@ def _objects(count: int) -> str:
 
 def _show(args: argparse.Namespace, found: BranchDiff) -> None:
     if args.format == "json":
-        conflicts = [asdict(one) | {name: _ends(getattr(one, name)) for name in _PERIODS} for one in found.conflicts]
-        print_json(asdict(found) | {"conflicts": conflicts})
+        objects, conflicts = ([json_row(one) for one in some] for some in (found.objects, found.conflicts))
+        print_json({"objects": objects, "conflicts": conflicts})
         return
     lines = [[one.change, one.kind, one.key, one.name, "", ""] for one in found.objects]
     lines += [
@@ -84,7 +80,3 @@ def _spans(periods: Sequence[Period]) -> str:
         return ""
     text = span_text(periods[0][0], periods[-1][1])
     return text if len(periods) == 1 else f"{text} ({len(periods)} periods)"
-
-
-def _ends(periods: Sequence[Period]) -> list[list[str | None]]:
-    return [[format_moment(end) for end in period] for period in periods]

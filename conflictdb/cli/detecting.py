@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from datetime import UTC
 from itertools import chain
 from typing import TYPE_CHECKING, Final
@@ -14,6 +13,7 @@ from conflictdb.cli.history import events_table
 from conflictdb.cli.load_report import (
     Shown,
     approach_table,
+    json_row,
     listed,
     loaded_text,
     print_approaches,
@@ -28,7 +28,6 @@ from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
 from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.errors import InvalidInput
-from conflictdb.model.results import format_moment
 from conflictdb.model.settings import STORED_BY_DETECT, given
 
 if TYPE_CHECKING:
@@ -127,12 +126,7 @@ def conflicts(args: argparse.Namespace) -> int:
 def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", args: argparse.Namespace) -> None:
     """Print the conflicts that follow, and how tracks keep their plans."""
     if args.format == "json":
-        moments = ("instant", "as_of", "first_alarm", "first_contact", "last_contact", "opened_at")
-        rows = {
-            name: [{k: format_moment(v) if k in moments else v for k, v in asdict(one).items()} for one in every]
-            for name, every in (("conflicts", alarms), ("tracks", found))
-        }
-        print_json(rows)
+        print_json({"conflicts": [json_row(one) for one in alarms], "tracks": [json_row(one) for one in found]})
         return
     shown = Shown(args.tz or UTC)
     states = {one.key: one for one in found}

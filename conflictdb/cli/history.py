@@ -2,16 +2,13 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import fields
-from datetime import datetime
-from typing import Any
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import labels, moment_text, table_with_names
+from conflictdb.cli.load_report import json_row, labels, moment_text, table_with_names
 from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
-from conflictdb.model.results import ConflictEvent, format_moment
+from conflictdb.model.results import ConflictEvent
 
 
 def history(args: argparse.Namespace) -> int:
@@ -23,7 +20,7 @@ def history(args: argparse.Namespace) -> int:
         is_json = args.format == "json"
         names = {} if is_json else db.scene(args.scene).names(*(key for one in found for key in (one.a_key, one.b_key)))
     if is_json:
-        print_json([_facts(event) for event in found])
+        print_json([json_row(event) for event in found])
     else:
         out(events_table(found, names) if found else "no events")
     return DONE
@@ -63,14 +60,3 @@ def events_table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
     ]
     times = [name for name in header if "UTC" in name]
     return table_with_names(header, rows, names_of, right=["EVENT"], whole=times)
-
-
-def _facts(event: ConflictEvent) -> dict[str, object]:
-    """Return the columns of the view `conflict_events`."""
-    return {one.name: _fact(getattr(event, one.name)) for one in fields(event)}
-
-
-def _fact(value: Any) -> object:
-    if isinstance(value, tuple):
-        return [[format_moment(start), format_moment(end)] for start, end in value]
-    return format_moment(value) if isinstance(value, datetime) else value

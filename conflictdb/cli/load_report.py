@@ -4,7 +4,7 @@ import argparse
 import shlex
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime, tzinfo
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -19,7 +19,7 @@ from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
 from conflictdb.model.record import REMARKS, Column
-from conflictdb.model.results import Approach, Conflict, SceneState, labelled
+from conflictdb.model.results import Approach, Conflict, SceneState, format_moment, labelled
 
 if TYPE_CHECKING:
     from conflictdb.client.loading import Loaded
@@ -261,6 +261,17 @@ def _result(scene: "SceneStatus") -> str:
 def moment_text(moment: datetime | None, *, up: bool) -> str:
     """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
     return _PLAIN.moment(moment, up=up)
+
+
+def json_row(one: Any) -> dict[str, object]:
+    """Return a dataclass as JSON shows it: moments and periods as text."""
+    return {member.name: _json_value(getattr(one, member.name)) for member in fields(one)}
+
+
+def _json_value(value: Any) -> object:
+    if isinstance(value, tuple):
+        return [[format_moment(start), format_moment(end)] for start, end in value]
+    return format_moment(value) if isinstance(value, datetime) else value
 
 
 def span_text(start: datetime | None, end: datetime | None) -> str:
