@@ -765,7 +765,7 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert re.search(r"^TOW +conflict .* +06:37 \(8 min\) +Tug.* FERRY \(Ferry\)$", wide.out, re.MULTILINE)
 
 
-DAY = Path(__file__).resolve().parents[1] / "support" / "skagerrak.geojson"
+DAY = Path(__file__).resolve().parents[1] / "acceptance" / "tasks" / "day.geojson"
 
 
 def test_windows_margins_and_areas_in_clock_times(run: Run) -> None:
