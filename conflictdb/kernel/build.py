@@ -39,7 +39,9 @@ SHARED = ("-shared", "-fPIC", "-lm")
 LIBRARY = "libkernel.so"
 # The oldest processors of a machine's family, by `uname -m`; for other machines the default of `cc`.
 BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-march=armv8-a"}
-# What pkg-config is told of the kernel alone.
+# The kernel alone, as C programs link it, and its description for pkg-config.
+IS_MAC = os.uname().sysname == "Darwin"
+ALONE = "libconflictdb-kernel"
 PKG_CONFIG = """\
 prefix={prefix}
 Name: conflictdb-kernel
@@ -102,8 +104,8 @@ def build() -> Path:
     if is_current():
         return library()
     with tempfile.TemporaryDirectory(dir=HERE, prefix=".build-") as directory:
-        made, is_mac = Path(directory) / LIBRARY, os.uname().sysname == "Darwin"
-        named = f"-Wl,-install_name,@rpath/{name_alone()}" if is_mac else f"-Wl,-soname,{name_alone()}"
+        made = Path(directory) / LIBRARY
+        named = f"-Wl,-install_name,@rpath/{name_alone()}" if IS_MAC else f"-Wl,-soname,{name_alone()}"
         if shutil.which("cc") and _links(["cc"]):
             compile_with(["cc"], made, *filter(None, [BASELINE.get(os.uname().machine)]), named)
         else:
@@ -122,18 +124,16 @@ def abi() -> str:
 
 def name_alone() -> str:
     """Return the file name of the library alone; a program that was linked with another ABI does not start with it."""
-    return (
-        f"libconflictdb-kernel.{abi()}.dylib" if os.uname().sysname == "Darwin" else f"libconflictdb-kernel.so.{abi()}"
-    )
+    return f"{ALONE}.{abi()}.dylib" if IS_MAC else f"{ALONE}.so.{abi()}"
 
 
 def install(prefix: Path) -> None:
-    """Install the kernel alone below a directory: library, header, and what pkg-config says of them."""
+    """Install the kernel alone below a directory: library, header, and their description for pkg-config."""
     built = build()
     for folder in ("lib/pkgconfig", "include/conflictdb"):
         (prefix / folder).mkdir(parents=True, exist_ok=True)
     shutil.copyfile(built, prefix / "lib" / name_alone())
-    link = prefix / "lib" / name_alone().replace(f".{abi()}", "")
+    link = prefix / "lib" / f"{ALONE}{'.dylib' if IS_MAC else '.so'}"
     link.unlink(missing_ok=True)
     link.symlink_to(name_alone())
     shutil.copyfile(HERE / "kernel.h", prefix / "include/conflictdb" / "kernel.h")
