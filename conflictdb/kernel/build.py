@@ -132,9 +132,10 @@ def install(prefix: Path) -> None:
     built = build()
     for folder in ("lib/pkgconfig", "include/conflictdb"):
         (prefix / folder).mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(built, prefix / "lib" / name_alone())
-    link = prefix / "lib" / f"{ALONE}{'.dylib' if IS_MAC else '.so'}"
-    link.unlink(missing_ok=True)
+    installed, link = prefix / "lib" / name_alone(), prefix / "lib" / f"{ALONE}{'.dylib' if IS_MAC else '.so'}"
+    for path in (installed, link):
+        path.unlink(missing_ok=True)  # programs that run with an earlier library keep it: writing into it ends them
+    shutil.copyfile(built, installed)
     link.symlink_to(name_alone())
     shutil.copyfile(HERE / "kernel.h", prefix / "include/conflictdb" / "kernel.h")
     (prefix / "lib/pkgconfig/conflictdb-kernel.pc").write_text(PKG_CONFIG.format(prefix=prefix, abi=abi()))

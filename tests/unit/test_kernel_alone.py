@@ -1,6 +1,7 @@
 """The kernel without Python: installed below a directory, and linked by the program of examples/kernel."""
 
 import math
+import os
 import re
 import subprocess
 import sys
@@ -18,7 +19,9 @@ def test_a_program_in_c_links_the_kernel_alone(tmp_path: Path) -> None:
     prefix, program = tmp_path / "kernel", tmp_path / "two_ships"
     script = [sys.executable, "-I", str(build.HERE / "build.py")]
     subprocess.run([*script, str(prefix)], check=True, timeout=WAIT_S)
-    subprocess.run([*script, str(prefix)], check=True, timeout=WAIT_S)  # again, over the first
+    with (prefix / "lib" / build.name_alone()).open("rb") as used:
+        subprocess.run([*script, str(prefix)], check=True, timeout=WAIT_S)  # again, over the first
+        assert os.fstat(used.fileno()).st_nlink == 0, "a program that runs with the first keeps it"
     said = (prefix / "lib/pkgconfig/conflictdb-kernel.pc").read_text()
     flags = {name: value.replace("${prefix}", str(prefix)).split() for name, value in re.findall(r"(\w+): (.*)", said)}
     strict = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror"]
