@@ -114,17 +114,12 @@ def _turned(places: _Floats, at: _Floats, distance_m: float, bearing_deg: float)
     north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
     east = np.array([-np.sin(lon), np.cos(lon), 0.0])
     ahead_east, ahead_north = (float(one) for one in geodesy.direction_of(bearing_deg))
-    axis = np.cross(_unit(at[None])[0], ahead_east * east + ahead_north * north)
+    axis = np.cross(geodesy.unit_vectors(at[None])[0], ahead_east * east + ahead_north * north)
     angle = distance_m / geodesy.MEAN_RADIUS_M
-    vectors = _unit(places)
+    vectors = geodesy.unit_vectors(places)
     along = (vectors @ axis)[:, None] * axis
     turned = along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle)
     new_lon = np.degrees(np.arctan2(turned[:, 1], turned[:, 0]))
     new_lat = np.degrees(np.arctan2(turned[:, 2], np.hypot(turned[:, 0], turned[:, 1])))
     steps = np.concatenate([[0.0], np.cumsum(geodesy.shorter_way_deg(np.diff(new_lon)))])
     return np.stack([new_lon[0] + steps, new_lat], axis=1)
-
-
-def _unit(places_deg: _Floats) -> _Floats:
-    lon, lat = np.radians(places_deg).T
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)

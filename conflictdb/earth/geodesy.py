@@ -312,6 +312,12 @@ def great_circle_distance(lon1_deg: ArrayLike, lat1_deg: ArrayLike, lon2_deg: Ar
     return np.asarray(MEAN_RADIUS_M * np.arctan2(np.hypot(east, north), cosine))
 
 
+def unit_vectors(places_deg: Floats) -> Floats:
+    """Return longitudes and latitudes (n, 2) as unit vectors (n, 3)."""
+    lon, lat = np.radians(places_deg).T
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+
+
 def _sinc(x: Floats) -> Floats:
     """Return sin(x) / x, 1 at 0."""
     return np.divide(np.sin(x), x, out=np.ones_like(x), where=x != 0.0)

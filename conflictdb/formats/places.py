@@ -45,13 +45,15 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
     if n < 2:
         return
     places = 0.5 * (extents[:, :2] + extents[:, 2:])
-    at = _unit(places)
+    at = geodesy.unit_vectors(places)
     middle = np.array([np.median(at[:, i]) for i in range(3)]) if n > 2 else at[0]
     # In chunks: there may be millions.
     size_m, apart_m = np.empty(n), np.empty(n)
     for first in range(0, n, _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        size_m[some] = np.max([_apart_m(_unit(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0)
+        size_m[some] = np.max(
+            [_apart_m(geodesy.unit_vectors(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0
+        )
         apart_m[some] = _apart_m(at[some], middle)
     distance_m = np.maximum(apart_m - size_m, 0.0)
     # Reach of the others: without the farthest, so that an object does not hide itself.
@@ -60,7 +62,7 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
     remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
     swapped_m = np.full(n, np.inf)
     can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
-    swapped_m[can_be_swapped] = _apart_m(_unit(places[can_be_swapped, ::-1]), middle)
+    swapped_m[can_be_swapped] = _apart_m(geodesy.unit_vectors(places[can_be_swapped, ::-1]), middle)
     looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
     least_m = min(max(FAR * reach_m, _LEAST_M), max(_FAR_IF_SWAPPED * reach_m, _PLAINLY_FAR_M))
     is_far = (distance_m > least_m) & (n > 2)
@@ -82,12 +84,6 @@ def extents(areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.float6
     first = offsets([len(track.positions_deg) for track in tracks])[:-1]
     of_tracks = [np.minimum.reduceat(positions, first), np.maximum.reduceat(positions, first)]
     return np.concatenate([of_areas, np.concatenate(of_tracks, axis=1)])
-
-
-def _unit(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return longitudes and latitudes (n, 2) as unit vectors (n, 3)."""
-    lon, lat = np.radians(places_deg).T
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
 
 
 def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
