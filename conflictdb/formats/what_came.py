@@ -121,7 +121,8 @@ _Found = tuple[NDArray[np.intp], Callable[[int], str]]
 
 
 def _years(rows: NDArray[np.float64], now_us: int) -> Iterator[_Found]:
-    at = np.where(np.isfinite(rows[:, 4]), rows[:, 4], rows[:, 5])
+    begins = np.isfinite(rows[:, 4])
+    at = np.where(begins, rows[:, 4], rows[:, 5])
     known = np.flatnonzero(np.isfinite(at))
     if not known.size:
         return
@@ -129,10 +130,13 @@ def _years(rows: NDArray[np.float64], now_us: int) -> Iterator[_Found]:
     apart = np.abs(at[known] - middle)
     reach = float(np.sort(apart)[max(0, int(_OTHERS * known.size) - 1)])
     far = known[apart > max(_YEAR_US, 3.0 * reach)] if known.size > 2 else known[:0]
-    rest = f"and the others about {_moment(middle)[:10]}: is its year right?"
-    yield far, lambda i: f"begins on {_moment(at[i])[:10]}, {rest}"
+
+    def when(rest: str, i: int) -> str:
+        return f"{'begins' if begins[i] else 'ends'} on {_moment(at[i])[:10]}, {rest}: is its year right?"
+
+    yield far, partial(when, f"and the others about {_moment(middle)[:10]}")
     ahead = np.setdiff1d(known[at[known] > now_us + _MOST_AHEAD_US], far)
-    yield ahead, lambda i: f"begins on {_moment(at[i])[:10]}, more than five years from now: is its year right?"
+    yield ahead, partial(when, "more than five years from now")
 
 
 def _speeds(rows: NDArray[np.float64]) -> Iterator[_Found]:

@@ -121,6 +121,16 @@ def test_a_lone_plan_far_ahead_is_remarked(tmp_path: Path) -> None:
     assert found.text == "begins on 2062-12-01, more than five years from now: is its year right?"
 
 
+def test_an_area_that_only_ends_does_not_begin(tmp_path: Path) -> None:
+    ring = [[8.0, 57.0], [9.0, 57.0], [9.0, 58.0], [8.0, 57.0]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    area = {"type": "Feature", "id": "A", "geometry": shape, "properties": {"end": "2062-12-01T00:00:00Z"}}
+    path = tmp_path / "one.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    found = [one.text for one in read(path).remarks]
+    assert "ends on 2062-12-01, more than five years from now: is its year right?" in found, found
+
+
 def test_the_same_remark_of_many_is_counted(tmp_path: Path) -> None:
     path = tmp_path / "many.geojson"
     features = [ship(f"S{n}", 8.0, year=2062) for n in range(9)]
