@@ -42,7 +42,7 @@ _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
     "--jobs": (count, None, "N", "threads to compute with (default: one for each processor)"),
     "--lock-timeout": (duration_s, None, "DURATION", "give up if another session holds a lock for longer"),
-    "--margin": (margin, (0.0, 0.0), "TIME|DISTANCE", "stay clear by so much more: 5m (minutes), 0.5nmi"),
+    "--margin": (margin, (0.0, 0.0), "TIME|DISTANCE", "stay clear by this much more: 5m (minutes), 0.5nmi"),
     "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory to compute with, megabytes (default {MEMORY_MB})"),
     "--round": (step_s, 60.0, "DURATION", "show departures in whole steps (default: 1m; 0: exact)"),
     "--tz": (zone, None, "ZONE", "time zone of times without offset and of the table, Europe/Copenhagen"),

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from conflictdb.embedded import EmbeddedServer
 
 
-# Of fewer each is read.
+# People read fewer mistakes one by one.
 _MANY_MISTAKES: Final = 4
 
 

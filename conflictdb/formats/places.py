@@ -14,10 +14,9 @@ from conflictdb.formats.fixes import lasts
 from conflictdb.model.plans import Area, Track
 
 # An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
-# _LEAST_M away; beyond _PLAINLY_FAR_M three times as far. Less is no sign of a mistake.
+# _LEAST_M away. At more than _PLAINLY_FAR_M, three times as far is enough.
 FAR: Final = 10.0
 _LEAST_M: Final = 200_000.0
-# So far away a smaller factor suffices.
 _PLAINLY_FAR_M: Final = 500_000.0
 # Objects per chunk.
 _AT_ONCE: Final = 50_000

@@ -16,6 +16,7 @@ Numbers of columns, errors, objects and corners of circles are bounded too (`con
 import codecs
 import gzip
 import math
+import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ from conflictdb.formats.rings import HalfTurns
 from conflictdb.formats.scene_file import read_scene, scene_parts, without_collector
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import UnreadProperties
-from conflictdb.formats.what_came import WhatCame, now_us
+from conflictdb.formats.what_came import WhatCame
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
@@ -243,7 +244,7 @@ def _summed_up(
         *owners.remarks(source),
         *turns.remarks(source),
         *summary.remarks(source),
-        *came.remarks(source, summary.name, now_us()),
+        *came.remarks(source, summary.name, time.time_ns() // 1000),
         *(legs.remarks(source) if parts.settings is None else ()),
     ]
 
@@ -264,7 +265,7 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     came = WhatCame(contents.scene)
     came.add(contents.areas, contents.tracks)
     items: list[Area | Track] = [*contents.areas, *contents.tracks]
-    yield from came.remarks(source, lambda i: name_of(items[i]), now_us())
+    yield from came.remarks(source, lambda i: name_of(items[i]), time.time_ns() // 1000)
     if contents.scene is None:
         legs = places.LongLegs()
         legs.add(contents.tracks)

@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, timedelta
 from functools import partial
 from typing import Final
 
@@ -18,16 +18,17 @@ from conflictdb.model.place_text import minutes_text
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 
 _YEAR_US: Final = 365 * 86_400_000_000
-# Plans are not made for so long ahead.
+# Nobody plans further ahead.
 _MOST_AHEAD_US: Final = 5 * _YEAR_US
+# A track gets a remark if it is faster than the others by this factor.
 _FASTER: Final = 5.0
-# Of fewer none is the odd one.
+# Fewer tracks have no usual speed.
 _LEAST_TRACKS: Final = 3
 # "The others" are nine of ten: kinds of traffic mix, and a mistake must not hide itself.
 _OTHERS: Final = 0.9
-# Slower than what flies, faster than most that swims.
+# Aircraft are faster, and most ships slower.
 _SHIP_KN: Final = 40.0
-# A speed or time of so many objects gets a remark of its own; further ones are counted.
+# Remarks of one kind that name their object; the other objects are counted.
 _MOST_NAMED: Final = 3
 _WIDTH: Final = 9
 
@@ -72,9 +73,9 @@ class WhatCame:
         counts = [(self.areas, "area"), (self.tracks, "track")]
         parts = [" and ".join(f"{n:,} {kind}{'' if n == 1 else 's'}" for n, kind in counts if n)]
         west, south, east, north = rows[:, 0].min(), rows[:, 1].min(), rows[:, 2].max(), rows[:, 3].max()
-        parts.append(f"{_ends(minutes_text(south, 'NS'), minutes_text(north, 'NS'))}")
+        parts.append(_ends(minutes_text(south, "NS"), minutes_text(north, "NS")))
         parts.append(
-            "all longitudes" if east - west >= 360.0 else _ends(*(minutes_text(x, "EW") for x in (west, east)))
+            "all longitudes" if east - west >= 360.0 else _ends(minutes_text(west, "EW"), minutes_text(east, "EW"))
         )
         if np.isfinite(rows[:, 4:6]).any():
             since, until = np.nanmin(rows[:, 4:6]), np.nanmax(rows[:, 4:6])
@@ -182,8 +183,3 @@ def _ends(least: str, most: str) -> str:
 
 def _moment(at_us: float) -> str:
     return (EPOCH + timedelta(microseconds=int(at_us))).astimezone(UTC).strftime("%Y-%m-%d %H:%M")
-
-
-def now_us() -> int:
-    """Return the present instant, microseconds since 1970."""
-    return int(datetime.now(UTC).timestamp() * 1e6)

@@ -94,7 +94,7 @@ def _activations(areas: Sequence[Any]) -> Broken:
 
 
 def _add_place(broken: Broken, rows: Rows, field: str, flags: NDArray[np.bool_], rule: str) -> None:
-    """Add a rule that is broken at places (w,), or (w, k) for one of k reasons; the first is named."""
+    """Add a rule that places (w,) break, or (w, k) for one of k reasons; the message names the first place."""
     if np.count_nonzero(flags):
         at = np.asarray(flags if flags.ndim == 1 else flags.any(axis=1))
         broken.add(rows.any(at), lambda i: (f"{field}[{first_of(at, rows, i)}]", rule))

@@ -215,7 +215,7 @@ def _add_questions(commands: Any) -> None:
         "--from", dest="start", type=time, metavar="TIME", help="list the free windows of KEY from TIME"
     )
     parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="list the free windows of KEY until TIME")
-    parser.add_argument("--best", type=count, metavar="N", help="only so many windows, those nearest to the plan")
+    parser.add_argument("--best", type=count, metavar="N", help="list at most N windows, those nearest to the plan")
     add_options(parser, "--margin", "--round", "--tz")
     parser.add_argument(
         "--clear-within-m", type=metres, metavar="DISTANCE", help="show how far it stays clear, up to this"

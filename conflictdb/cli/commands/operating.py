@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--log", choices=("text", "json"), default="text", help="form of log lines (default: text)")
     parser.add_argument("--http", type=address, metavar="[HOST:]PORT", help="serve /healthz and /metrics over HTTP")
     add_options(parser, "--jobs", "--memory-mb")
-    about = "give up if another detection holds a scene for longer"
+    about = "give up if another detection locks a scene for longer"
     parser.add_argument("--lock-timeout", type=duration_s, metavar="DURATION", help=about)
 
     parser = command(commands, "server", "embedded:server", "start, stop or show the embedded database")

@@ -27,7 +27,7 @@ def add(commands: Any) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--reason", metavar="TEXT", help="why the conflict is acceptable")
     what.add_argument("--undo", action="store_true", help="withdraw the acknowledgement")
-    parser.add_argument("--by", type=name, metavar="NAME", help="person who acknowledges, beside the database user")
+    parser.add_argument("--by", type=name, metavar="NAME", help="person who acknowledges, shown with the database user")
     parser.add_argument("--until", type=instant, metavar="TIME", help="end of the acknowledgement (default: none)")
 
     more = "Prints the address of a page, opens it, and serves it until interrupted."
