@@ -1,5 +1,6 @@
 """Positions against plans: who is on plan, late, early, off, silent, past the end, or not yet under way."""
 
+import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -291,6 +292,13 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
     alarm = "219000001 +9 to +11 min late: may meet anything near (the scene stores no delays: set delays_within_s)"
     assert shown.splitlines()[0] == alarm
     assert [line.split()[:2] for line in shown.splitlines()[3:]] == [["219000001", "late"], ["F", "on"]]
+    rows = json.loads(run("conflicts", "--live", "--scene", "s", "--format", "json").out)
+    assert [(row["key"], row["other_key"], row["first_contact"]) for row in rows["conflicts"]] == [
+        ("219000001", None, None)
+    ]
+    assert [(row["key"], row["instant"]) for row in rows["tracks"]] == [
+        ("219000001", at[0].replace("Z", ".000000Z")), ("F", at[1].replace("Z", ".000000Z"))
+    ]  # fmt: skip
     late = tmp_path / "late.csv"
     late.write_text(f"id,time,lon,lat\nF,{at[0]},0,0\nF,2100-01-01T00:00:00Z,0,0\n")
     with connect(dsn) as db, pytest.raises(InvalidInput, match="must not be in the future"):
