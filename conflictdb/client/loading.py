@@ -15,6 +15,7 @@ from conflictdb.earth.registry import Setup, middle_deg, places_of, summed_direc
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
+from conflictdb.formats.fixes import rows_of
 from conflictdb.formats.gather import GatheredScene, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
 from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_observed, read_parts
@@ -327,10 +328,7 @@ def load_positions(
     fixes, left_out = read_observed(path, max_file_mb=max_file_mb, hints=hints)
     with store.transaction(conn):
         unknown = store.unknown_tracks(conn, scene, list(fixes))
-        known = {key: own for key, own in fixes.items() if key not in unknown and own.times_us}
-        keys = [key for key, own in known.items() for _ in own.times_us]
+        keys, at_us, lonlat = rows_of({key: own for key, own in fixes.items() if key not in unknown})
         if keys:
-            at_us = np.array([at for own in known.values() for at in own.times_us], np.int64)
-            lonlat = np.array([place for own in known.values() for place in own.positions_deg], np.float64)
             store.insert_positions(conn, scene, keys, at_us, lonlat)
-    return LoadedPositions(len(keys), len(known), tuple(sorted(unknown)), sum(map(len, left_out.values())))
+    return LoadedPositions(len(keys), len(set(keys)), tuple(sorted(unknown)), sum(map(len, left_out.values())))

@@ -1,6 +1,6 @@
 """Build tracks from observed fixes; unusable fixes are left out and noted."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count, pairwise
 from typing import Any, Final
@@ -45,6 +45,14 @@ class Fixes:
     constant: dict[str, str | None] = field(default_factory=dict)
     unbounded: set[str] = field(default_factory=set)
     ruled: dict[str, str] = field(default_factory=dict)
+
+
+def rows_of(fixes: Mapping[str, Fixes]) -> tuple[list[str], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the keys, the instants (n,), microseconds, and the places (n, 2), degrees, of all fixes."""
+    every = fixes.values()
+    keys = [key for key, own in fixes.items() for _ in own.times_us]
+    at_us = np.array([at for own in every for at in own.times_us], np.int64)
+    return keys, at_us, np.array([place for own in every for place in own.positions_deg], np.float64).reshape(-1, 2)
 
 
 def tracks_of(

@@ -8,7 +8,7 @@ import numpy as np
 import psycopg
 
 from conflictdb import store
-from conflictdb.formats.fixes import Fixes
+from conflictdb.formats.fixes import Fixes, rows_of
 from conflictdb.jobs import detect
 from conflictdb.jobs.looks import Looks
 
@@ -35,14 +35,11 @@ def replay(
     detect.detect_pending(conn, scene)
     with store.transaction(conn):
         unknown = store.unknown_tracks(conn, scene, list(fixes))
-    known = {key: own for key, own in fixes.items() if key not in unknown and own.times_us}
-    keys = np.repeat(np.array(list(known), object), [len(own.times_us) for own in known.values()])
-    if not len(keys):
+    every, at_us, lonlat = rows_of({key: own for key, own in fixes.items() if key not in unknown})
+    if not every:
         return 0
-    at_us = np.concatenate([np.array(own.times_us, np.int64) for own in known.values()])
-    lonlat = np.concatenate([np.array(own.positions_deg, np.float64) for own in known.values()])
     order = np.argsort(at_us, kind="stable")
-    keys, at_us, lonlat = keys[order], at_us[order], lonlat[order]
+    keys, at_us, lonlat = np.array(every, object)[order], at_us[order], lonlat[order]
     looks, began_s, done = Looks(), time.monotonic(), 0
     for now_us in range(int(at_us[0]), int(at_us[-1]) + _STEP_US, _STEP_US):
         time.sleep(max(0.0, began_s + (now_us - int(at_us[0])) / 1e6 / speed - time.monotonic()))
