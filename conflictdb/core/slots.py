@@ -53,9 +53,9 @@ def closed_of(
 
 def _stretches(found: Differences, least: int, most: int) -> Iterator[tuple[int, int, list[int]]]:
     """Yield the closed intervals of delays that the same objects forbid, and the numbers of these."""
-    rows = np.flatnonzero((found.low <= most) & (found.high >= least) & (found.low <= found.high))
-    low, high = np.maximum(found.low[rows], least), np.minimum(found.high[rows], most)
-    other = found.other[rows]
+    low, high = np.maximum(found.low, least), np.minimum(found.high, most)
+    rows = np.flatnonzero(low <= high)
+    low, high, other = low[rows], high[rows], found.other[rows]
     at = np.concatenate([low, high + 1])
     change = np.repeat([1, -1], len(rows))
     order = np.argsort(at, kind="stable")

@@ -345,6 +345,17 @@ def test_an_area_that_forbids_every_departure_from_now_on_blocks() -> None:
     assert (found.least_earlier_s, found.blocked_by) == (None, ("closed",))
 
 
+def test_windows_that_no_departure_reaches_have_no_rows() -> None:
+    """Before now, after all that is asked about, and of a track that has departed."""
+    closed = area("closed", -90_000.0, 90_000.0)
+    for given in (
+        {"now": at(0.0), "start": at(-7200.0), "end": at(-3600.0)},
+        {"now": at(60.0), "start": at(3600.0), "end": at(7200.0)},
+    ):
+        [found] = delays([EAST], [closed], SCENE, "east", **given)  # type: ignore[arg-type]
+        assert (found.slots, found.closed) == ((), ())
+
+
 def test_an_object_blocks_only_if_its_intervals_cover_every_possible_delay() -> None:
     """Of three: one reaches both ends and leaves a gap, one covers all in two parts, one ends before the range."""
     both, parts, early, rest = 1, 2, 3, 4
