@@ -23,8 +23,8 @@ def delays(conn: psycopg.Connection[Any], scene: str, key: str | None, options: 
     Raises InvalidInput if the scene or the object does not exist.
     """
     with store.snapshot(conn):
+        number = store.scene_or_branch_id(conn, scene)
         if options.may_be_stored:
-            number = store.scene_or_branch_id(conn, scene)
             known = store.stored_delays(conn, number, key, options.horizon_us, options.now_us)
             if known:
                 return known
@@ -35,9 +35,9 @@ def delays(conn: psycopg.Connection[Any], scene: str, key: str | None, options: 
             most_us = options.reach_us(plan, departs_us) + margin.time_us
             return Question(earlier_us=most_us, later_us=most_us)
 
-        within_m = max(options.clear_within_m or 0.0, margin.distance_m)
+        within_m = margin.distance_m + (options.clear_within_m or 0.0)
         settings, areas, tracks = read_if_moved(conn, scene, key, question, within_m)
-        window = store.stored_window(conn, store.scene_or_branch_id(conn, scene))
+        window = store.stored_window(conn, number)
     return questions.delays_over(window, tracks, areas, settings, key, options)
 
 

@@ -75,16 +75,22 @@ def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
 
 
 def test_margins_are_read_as_far_as_the_largest_separation(dsn: str) -> None:
-    """The ship meets nobody; a tanker 3.3 km away, whose separation is 3 km, is the nearest to a conflict."""
+    """The ship meets nobody; a tanker 3.3 km away, whose separation is 3 km, is the nearest to a conflict.
+
+    A wanted margin is on top of the separation, and the distance on top of both.
+    """
     at_us = [1_780_000_000_000_000, 1_780_010_000_000_000]
     ship = Track("ship", [(0.0, 0.0), (1.0, 0.0)], at_us, [(0.0, 0.0)])
     tanker = Track("tanker", [(0.0, 0.03), (1.0, 0.03)], at_us, [(0.0, 0.0)], object_class="tanker")
     rules = (Rule("tanker", None, separation_m=3000.0),)
-    scene = Scene("by class", separation_m=100.0, rules=rules)
-    [expected] = delays([ship, tanker], [], scene, "ship", 0.0, clear_within_m=1000.0)
-    assert expected.clear_by_m == pytest.approx(317.2, abs=0.1)
+    by_class = Scene("by class", separation_m=100.0, rules=rules), 1000.0, 0.0, 317.2
+    wanted = Scene("wanted", separation_m=100.0), 500.0, 3000.0, 217.2
     with connect(dsn) as db:
-        store.replace_scene(db.connection, scene, [], [ship, tanker], merge=False)
-        stored = db.scene(scene.name)
-        stored.detect()
-        assert stored.delays("ship", 0.0, clear_within_m=1000.0) == [expected]
+        for scene, within_m, margin_m, clear_m in (by_class, wanted):
+            given = {"clear_within_m": within_m, "margin_m": margin_m}
+            [expected] = delays([ship, tanker], [], scene, "ship", 0.0, **given)  # type: ignore[arg-type]
+            assert expected.clear_by_m == pytest.approx(clear_m, abs=0.1)
+            store.replace_scene(db.connection, scene, [], [ship, tanker], merge=False)
+            stored = db.scene(scene.name)
+            stored.detect()
+            assert stored.delays("ship", 0.0, **given) == [expected]  # type: ignore[arg-type]
