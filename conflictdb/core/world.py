@@ -160,7 +160,9 @@ class World:
         check_datums(scene, plans)
         window = known
         if has_schedules(plans):
-            window = horizon(scene, touched([*tracks, *moved], scene, reach), now_us=now_us, known=known)
+            # Activations of a schedule move to the times of all others.
+            beside = areas if has_schedules(moved) else moved
+            window = horizon(scene, touched([*tracks, *beside], scene, reach), now_us=now_us, known=known)
         return cls(Setup.of(centred(scene, areas, tracks)), window)
 
     def expanded(self, areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[list[Area], list[Track]]:

@@ -73,16 +73,13 @@ class DelayOptions:
         """Whether stored differences have the answer."""
         return self.waypoint is None and self.clear_within_m is None and not self.margin and not self.has_slots
 
-    def reach_us(self, plan: Area | Track | None, departs_us: int | None) -> int:
-        """Return up to which delay, microseconds, a plan is asked about, so that windows reach from start to end.
+    def reach_us(self, plan: Area | Track, departs_us: int | None) -> int:
+        """Return the longest delay asked about, microseconds, so that windows reach from start to end.
 
-        plan : None: all tracks
-        departs_us : when it departs as planned; None: never, or it is unbounded
+        departs_us : when the plan departs; None: never, or it is unbounded
         """
         if not self.has_times:
             return self.horizon_us
-        if plan is None:
-            raise InvalidInput("delays", "start", "needs the key of one track or area")
         if plan.schedule is not None or departs_us is None:
             rule = "is for a plan with a departure of its own; within_s asks about one that repeats, or has no start"
             raise InvalidInput(f"object {plan.key!r}", "start", rule)

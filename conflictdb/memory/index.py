@@ -26,7 +26,7 @@ from conflictdb.core.world import World, has_schedules, horizon, hull, touched
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.boxes import BoxTree, HeldBoxes
-from conflictdb.memory.questions import Objects
+from conflictdb.memory.questions import Objects, scene_of
 from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track
@@ -58,14 +58,13 @@ class Index:
     def __init__(
         self, scene: Scene | None = None, *, max_vertices: int | None = None, max_days_ahead: float | None = None
     ) -> None:
-        if not isinstance(scene, Scene | None):
-            raise InvalidInput("Index", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+        scene = scene_of("Index", scene)
         if max_vertices is not None:
             inputs.count("Index", "max_vertices", max_vertices, 1)
         if max_days_ahead is not None:
             inputs.days("Index", "max_days_ahead", max_days_ahead)
         self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
-        self._scene = scene or Scene("in memory")
+        self._scene = scene
         self._lock = threading.Lock()
         self._owners: dict[_Name, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}

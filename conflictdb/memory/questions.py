@@ -21,7 +21,7 @@ from conflictdb.core.near import Memory
 from conflictdb.core.run import run_scene
 from conflictdb.core.slots import closed_of, slots_of
 from conflictdb.core.to_results import to_results
-from conflictdb.core.world import AS_PLANNED, Occupied, Reach, World, has_schedules, occupy
+from conflictdb.core.world import AS_PLANNED, Occupied, Reach, World, occupy
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
@@ -70,10 +70,9 @@ def solve(
     time_zone : str or tzinfo, optional
         The zone of instants of frames without one; by default they are refused.
     """
-    if not isinstance(scene, Scene | None):
-        raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    scene = scene_of("solve", scene)
     if haven is not None or time_zone is not None or from_frames.is_frame(tracks) or from_frames.is_frame(areas):
-        tracks, areas = _of_frames(tracks, areas, scene or Scene("in memory"), haven, time_zone)
+        tracks, areas = _of_frames(tracks, areas, scene, haven, time_zone)
     world, tracks, areas = world_of("solve", tracks, areas, scene)
     return solved(world.setup, occupy(world, areas, tracks, warns=True))
 
@@ -148,22 +147,24 @@ def delays_over(
 ) -> list[Delays]:
     """Return as `delays`; window : schedules are expanded over at least this time."""
     tracks, areas = each("delays", "tracks", tracks, Track), each("delays", "areas", areas, Area)
+    scene = scene_of("delays", scene)
     # The answer is the one that a detection stores.
-    stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) and not options.margin else 0
-    if isinstance(scene, Scene | None):
-        scene = options.margin.added_to(scene or Scene("in memory"))
+    stored_us = 0 if options.margin else round(1e6 * scene.delays_within_s)
+    scene = options.margin.added_to(scene)
     given = None if key is None else _several(key)
-    asked = None if given is None else {one for one in given if isinstance(one, str)}
-    moved = [area for area in areas if asked is not None and area.key in asked]
-    # Activations of a schedule move to the times of all others.
-    beside = areas if has_schedules(moved) else moved
+    asked = set(given or ())
+    moved = [area for area in areas if area.key in asked]
     horizon_us = options.horizon_us
     if options.has_times:
-        one = _only_one([*tracks, *areas], asked)
-        horizon_us = options.reach_us(one, None if one is None else departure_us(one, options.waypoint))
+        if len(asked) != 1:
+            raise InvalidInput("delays", "start", "needs the key of one track or area")
+        every_plan: list[Area | Track] = [*tracks, *areas]
+        for plan in every_plan:  # an unknown key is refused below
+            if plan.key in asked:
+                horizon_us = options.reach_us(plan, departure_us(plan, options.waypoint))
     solved_us = max(horizon_us, stored_us)
     setup, pieces, keys, numbers, known, active = _numbered(
-        "delays", tracks, areas, scene, Reach.either(solved_us), window, beside
+        "delays", tracks, areas, scene, Reach.either(solved_us), window, moved
     )
     scene, placed = setup.scene, Memory(pieces)
     if options.waypoint is not None:
@@ -175,11 +176,11 @@ def delays_over(
         rows = np.array([number], np.int64)
         nothing = found[number].take(np.empty(0, np.int64))
     else:
-        plans: list[Area | Track] = [*known, *active.values()]
+        plans: list[Area | Track] = [*known, *(area for area in active.values() if area.key in asked)]
         leeway = {plan.key: Leeway.of(plan, horizon_us, options.now_us) for plan in plans}
         every_number = np.array([*active, *numbers.tolist()], np.int64)
         rows = numbers if given is None else _known(scene, keys, every_number, given)
-        if options.clear_within_m is not None and asked is not None and (rows < len(active)).any():
+        if options.clear_within_m is not None and moved:
             raise InvalidInput("delays", "clear_within_m", f"is of tracks: {moved[0].key!r} is an area")
         stops = FirstStops.of(TrackBatch.of(known))
         every = differences_of(setup, placed, rows, solved_us, waits=stops, moves_areas=bool(moved))
@@ -201,14 +202,8 @@ def delays_over(
     return _with_margins(answers, setup, placed, batch, options.clear_within_m)
 
 
-def _only_one(plans: Iterable[Area | Track], keys: Collection[str] | None) -> Area | Track | None:
-    """Return the plan of the only key; None: all, several or unknown."""
-    found = [one for one in plans if keys is not None and one.key in keys]
-    return found[0] if len(found) == 1 and keys is not None and len(keys) == 1 else None
-
-
 def departure_us(plan: Area | Track, waypoint: int | None) -> int | None:
-    """Return when a plan departs, or leaves a waypoint; None for an area without a start, and an unknown waypoint."""
+    """Return when a plan departs, or leaves a waypoint; None for an area without a start."""
     if isinstance(plan, Track) and waypoint is not None:
         place = _place("delays", "waypoint", waypoint, len(plan.times_us) - 1)
         return int(plan.times_us[place - 1])
@@ -429,8 +424,7 @@ def numbered_with_areas(
     movable : the keys of areas that the question moves as far as the tracks
     """
     moved = [area for area in areas if area.key in movable]
-    beside = areas if has_schedules(moved) else moved
-    setup, pieces, keys, _, known, active = _numbered(what, tracks, areas, scene, reach, None, beside)
+    setup, pieces, keys, _, known, active = _numbered(what, tracks, areas, scene, reach, None, moved)
     return setup, pieces, keys, known, [*active.values()]
 
 
@@ -470,12 +464,18 @@ def world_of(
 
     moved : areas that the question moves as far as the tracks
     """
-    if not isinstance(scene, Scene | None):
-        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    scene = scene_of(what, scene)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects. World.of checks keys.
     known = sorted(each(what, "tracks", tracks, Track), key=_order)
     others = sorted(each(what, "areas", areas, Area), key=_order)
-    return World.of(scene or Scene("in memory"), others, known, reach=reach, known=window, moved=moved), known, others
+    return World.of(scene, others, known, reach=reach, known=window, moved=moved), known, others
+
+
+def scene_of(what: str, scene: Any) -> Scene:
+    """Return the settings of a question, by default those of a scene in memory; raises InvalidInput."""
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    return scene or Scene("in memory")
 
 
 def _order(one: Area | Track) -> bytes:

@@ -174,8 +174,7 @@ def resolve(
     given = (within_s, now, slowest, fastest, aside_m, goal, limit_s, margin_s, margin_m, round_s, time_zone)
     limits = ProposalLimits.of(*given)
     areas = questions.each("resolve", "areas", areas, Area)
-    if isinstance(scene, Scene | None):
-        scene = limits.margin.added_to(scene or Scene("in memory"))
+    scene = limits.margin.added_to(questions.scene_of("resolve", scene))
     if isinstance(movable, str):
         raise InvalidInput("resolve", "movable", f"must be a list of keys; got the text {movable!r:.60}")
     setup, pieces, key_of, known, areas = questions.numbered_with_areas(

@@ -383,6 +383,8 @@ def test_other_input_is_refused() -> None:
     for start, end in ((EAST.times_us[0], None), (None, EAST.times_us[0])):
         with pytest.raises(InvalidInput, match="start: needs the key of one track or area"):
             delays([EAST, NORTH], [], SCENE, start=start, end=end)
+    with pytest.raises(InvalidInput, match="'south' is not known"):
+        delays([EAST], [], SCENE, "south", start=EAST.times_us[0])
     with pytest.raises(InvalidInput, match="'closed': start: is for a plan with a departure of its own"):
         delays([EAST], [area("closed")], SCENE, "closed", start=EAST.times_us[0])
     with pytest.raises(InvalidInput, match="start: must not be after end"):
