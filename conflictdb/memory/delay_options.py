@@ -83,8 +83,12 @@ class DelayOptions:
         if plan.schedule is not None or departs_us is None:
             rule = "is for a plan with a departure of its own; within_s asks about one that repeats, or has no start"
             raise InvalidInput(f"object {plan.key!r}", "start", rule)
-        reach_us = max(self._from(departs_us), self._to(departs_us), key=abs)
-        return round(1e6 * inputs.seconds("delays", "start, end", abs(reach_us) / 1e6))
+        low, high = self._from(departs_us), self._to(departs_us)
+        if low > high:
+            given, other = ("start", "end") if self.to_us is None else ("end", "start")
+            rule = f"is farther from the departure than within_s: give {other}, too, or a longer within_s"
+            raise InvalidInput(f"object {plan.key!r}", given, rule)
+        return round(1e6 * inputs.seconds("delays", "start, end", max(abs(low), abs(high)) / 1e6))
 
     def window_us(self, departs_us: int, first_us: int, last_us: int) -> tuple[int, int]:
         """Return the least and the greatest delay of windows, of those that are possible: first to last."""

@@ -387,6 +387,9 @@ def test_other_input_is_refused() -> None:
         delays([EAST], [], SCENE, "south", start=EAST.times_us[0])
     with pytest.raises(InvalidInput, match="'closed': start: is for a plan with a departure of its own"):
         delays([EAST], [area("closed")], SCENE, "closed", start=EAST.times_us[0])
+    for name, other, far_s in (("start", "end", 7201.0), ("end", "start", -7201.0)):
+        with pytest.raises(InvalidInput, match=f"{name}: is farther from the departure than within_s: give {other}"):
+            delays([EAST], [], SCENE, "east", **{name: at(far_s)})  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="start: must not be after end"):
         delays([EAST], [], SCENE, "east", start=EAST.times_us[1], end=EAST.times_us[0])
     for name in ("margin_s", "margin_m"):
