@@ -8,7 +8,6 @@ ones only.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import datetime
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -22,11 +21,12 @@ from conflictdb.core.climbs import with_heights
 from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.near import FOREVER_US, Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
+from conflictdb.core.to_results import moment_of
 from conflictdb.earth.geodesy import is_standing
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import Shifts, difference_parts
-from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.recurring_plans import spans_of
 from conflictdb.model.results import Delays, Forbidden, Kind
 
 _Ints = NDArray[np.int64]
@@ -198,7 +198,7 @@ class Leeway:
 
 def start_of(area: Area) -> int:
     """Return when an area with expanded schedules is active first, microseconds; never: MINUS_INFINITY_US."""
-    spans = ((area.start_us, area.end_us),) if area.spans_us is None else area.spans_us
+    spans = spans_of(area)
     start_us = spans[0][0] if spans else None
     return MINUS_INFINITY_US if start_us is None else start_us
 
@@ -425,11 +425,6 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
     )
 
 
-def moment_of(at_us: int) -> datetime | None:
-    """Return an instant; None for those that are unbounded."""
-    return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + at_us * MICROSECOND
-
-
 def forbidden_by(
     keys: Mapping[int, str], found: Differences, outer: Spans, inner: Spans
 ) -> Iterator[tuple[int, int, int, int, bool, tuple[str, ...]]]:
@@ -566,13 +561,11 @@ def shifts_of(
 
     stays : a stays as it is at this end of its time; None: it has its whole time
     """
-    still = pieces.kind[b] == Kind.AREA.code
+    is_area, still = (pieces.kind[rows] == Kind.AREA.code for rows in (a, b))
     # An end counts from itself: heights and places at it are exact then.
-    zero = pieces.end_us[a] if stays == "end" else pieces.start_us[a]
+    zero = np.where(is_area, 0, pieces.end_us[a] if stays == "end" else pieces.start_us[a])
     first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
-    is_area = pieces.kind[a] == Kind.AREA.code
-    zero = np.where(is_area, 0, zero)
-    lasts_s = np.where(is_area | (stays is not None), 0, np.where(is_area, 0, pieces.end_us[a]) - zero) / 1e6
+    lasts_s = np.where(is_area | (stays is not None), 0, pieces.end_us[a] - zero) / 1e6
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
     least, most = (

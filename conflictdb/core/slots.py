@@ -6,10 +6,12 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.core.delays import Differences, moment_of, sorted_keys
+from conflictdb.core.delays import Differences, sorted_keys
 from conflictdb.core.near import FOREVER_US
+from conflictdb.core.to_results import moment_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area
+from conflictdb.model.recurring_plans import spans_of
 from conflictdb.model.results import Closed, Delays, Slot
 
 _Ints = NDArray[np.int64]
@@ -78,7 +80,7 @@ def _stretches(found: Differences, least: int, most: int) -> Iterator[tuple[int,
 
 def _changes(area: Area, found: Differences, number: int, low: int, high: int) -> tuple[int | None, int | None]:
     """Return when an area with one span would have to end, or to start, to free delays that it alone closes."""
-    spans = ((area.start_us, area.end_us),) if area.spans_us is None else area.spans_us
+    spans = spans_of(area)
     if len(spans) != 1:
         return None, None
     start_us, end_us = spans[0]

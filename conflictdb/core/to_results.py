@@ -43,7 +43,7 @@ def to_results(
                 b_key=b_key,
                 b_kind=Kind.of_code(b_kind),
                 verdict=Verdict.of_code(int(conflicts.verdict[k])),
-                periods=tuple((_instant(start), _instant(end)) for start, end in periods),
+                periods=tuple((moment_of(start), moment_of(end)) for start, end in periods),
                 method=scene.method,
                 a_name=a_name,
                 b_name=b_name,
@@ -57,7 +57,8 @@ def _rank(kind: int, key: str) -> tuple[int, bytes]:
     return kind, key.encode()
 
 
-def _instant(us: int) -> datetime | None:
+def moment_of(us: int) -> datetime | None:
+    """Return an instant; None for those that are unbounded."""
     return None if us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + us * MICROSECOND
 
 
@@ -72,7 +73,7 @@ def _position(position_deg: Sequence[float]) -> Position | None:
 
 # How a value of an array becomes that of a `Conflict`.
 _VALUE: Final[dict[ColumnType, Callable[[Any], Any]]] = {
-    ColumnType.INSTANT: _instant,
+    ColumnType.INSTANT: moment_of,
     ColumnType.NUMBER: _number,
     ColumnType.POINT: _position,
     ColumnType.NAME: Certainty.of_code,

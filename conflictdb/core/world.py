@@ -32,7 +32,15 @@ from conflictdb.model.plans import (
     has_unknown_times,
     is_idle,
 )
-from conflictdb.model.recurring_plans import Window, expanded_area, expanded_track, idle_text, unknown_text, window_over
+from conflictdb.model.recurring_plans import (
+    Window,
+    expanded_area,
+    expanded_track,
+    idle_text,
+    spans_of,
+    unknown_text,
+    window_over,
+)
 from conflictdb.model.results import Kind
 from conflictdb.model.tolerances import tolerances_of
 
@@ -87,9 +95,10 @@ def hull(*spans: Window | None) -> Window | None:
 
 def _area_span(area: Area) -> Window:
     """Return the first start and the last end of an area; an area that is never active begins after it ends."""
-    if area.spans_us is not None and not area.spans_us:
+    spans = spans_of(area)
+    if not spans:
         return INFINITY_US, MINUS_INFINITY_US
-    start, end = (area.start_us, area.end_us) if area.spans_us is None else (area.spans_us[0][0], area.spans_us[-1][1])
+    start, end = spans[0][0], spans[-1][1]
     return MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end
 
 

@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.core.delays import differences_of, moment_of, start_of
+from conflictdb.core.delays import differences_of, start_of
 from conflictdb.core.near import Memory
+from conflictdb.core.to_results import moment_of
 from conflictdb.core.world import Reach
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.memory import questions

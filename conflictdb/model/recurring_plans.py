@@ -57,11 +57,15 @@ def later(one: _One, by_us: int) -> _One:
         return replace(
             one, times_us=times, departures_us=departs, schedule=None, tolerances=tolerances, max_speed_kn=np.inf
         )
-    ends = ((one.start_us, one.end_us),) if one.spans_us is None else one.spans_us
-    moved: Any = [[certain(None if at is None else at + by_us) for at in pair] for pair in ends]
+    moved: Any = [[certain(None if at is None else at + by_us) for at in pair] for pair in spans_of(one)]
     if one.spans_us is None:
         return replace(one, start_us=moved[0][0], end_us=moved[0][1], schedule=None)
     return replace(one, start_us=None, end_us=None, spans_us=moved, schedule=None)
+
+
+def spans_of(area: Area) -> tuple[tuple[int | None, int | None], ...]:
+    """Return when an area is active, microseconds; its schedule is expanded."""
+    return ((area.start_us, area.end_us),) if area.spans_us is None else area.spans_us
 
 
 def require_one_voyage(who: str, field: str, tracks: Iterable[Track]) -> None:
