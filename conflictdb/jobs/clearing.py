@@ -29,8 +29,8 @@ def resolve(
         basis = store.proposal_basis(conn, scene_id)
         settings, areas, tracks = store.read_scene(conn, scene)
     found = compute(tracks, areas, settings)
-    moves = {one.key: one for one in found.moves}
-    if moves.keys() & {area.key for area in areas}:
+    if any(move.is_area for move in found.moves):
         return found
+    moves = {one.key: one for one in found.moves}
     changed = {track.key: moved(settings, track, moves[track.key]) for track in tracks if track.key in moves}
     return replace(found, proposal_id=store.put_proposal(conn, scene_id, basis, found, changed))

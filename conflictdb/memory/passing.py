@@ -69,7 +69,8 @@ def moves_of(
             )
         cleared_keys = tuple(sorted(clears[key], key=str.encode))
         delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
-        moves.append(Move(key, delay_s, speed, cleared_keys, tuple(passes), ways.get(key), departs_at.get(key)))
+        change = delay_s, speed, cleared_keys, tuple(passes), ways.get(key)
+        moves.append(Move(key, *change, departs_at.get(key), is_area=key not in changed))
     return moves
 
 

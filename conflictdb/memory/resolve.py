@@ -198,7 +198,7 @@ def resolve(
     low, high = np.array([limits.of_delays(plans[key]) for key in moving], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
     found = differences_of(
-        setup.under(scene), Memory(pieces), numbers, most_us, waits=None, moves_areas=bool(set(movable))
+        setup.under(scene), Memory(pieces), numbers, most_us, waits=None, moves_areas=bool(movable)
     )
     weight = np.array([weights.get(key, 1.0) for key in moving])
     program = Program.of(found, numbers, low, high, weight)
@@ -234,10 +234,9 @@ def resolve(
     blocked = {moving[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
     still = sorted({key for pair in after for key in pair if key in plans}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
-    leaves = {key: questions.departure_us(plan, None) for key, plan in plans.items()}
-    departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves.items() if at is not None}
+    leaves = zip(moving, departs, strict=True)
+    departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves if at is not None}
     moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of, departs_at)
-    moves = [replace(move, is_area=move.key in of_areas) for move in moves]
     return Proposal(
         tuple(moves),
         tuple(left),
