@@ -22,6 +22,7 @@ def moves_of(
     changed: Mapping[str, Track],
     areas: Iterable[Area],
     delays: Mapping[str, int],
+    exact: Mapping[str, int],
     speeds: Mapping[str, float],
     ways: Mapping[str, NewWaypoints],
     cleared: Iterable[tuple[str, str]],
@@ -33,6 +34,7 @@ def moves_of(
 
     changed : all tracks as they are after the moves
     delays, speeds, ways : of the tracks that move, microseconds, factors and new waypoints
+    exact : the delays before they were rounded
     cleared : the pairs that are in conflict as planned, and no longer
     found : the differences of all plans that may move
     departs_at : when these depart then
@@ -52,7 +54,7 @@ def moves_of(
         elif key in speeds:
             sides[key] = {other: _side(speeds[key] < 1.0, changed[key], changed.get(other)) for other in clears[key]}
         else:
-            sides[key] = {} if own is None else _sides(own, key_of, delays, key, clears[key], changed)
+            sides[key] = {} if own is None else _sides(own, key_of, delays, exact, key, clears[key], changed)
     near = _near(scene, changed, areas, {(key, other) for key in moving for other in sides[key]})
     moves = []
     for key in moving:
@@ -78,20 +80,21 @@ def _sides(
     own: Differences,
     key_of: Mapping[int, str],
     delays: Mapping[str, int],
+    exact: Mapping[str, int],
     key: str,
     clears: set[str],
     tracks: Mapping[str, Track],
 ) -> dict[str, Side]:
-    """Return how a delayed track passes what it clears, and what keeps it from a smaller delay."""
+    """Return how a delayed plan passes what it clears, and what keeps it from a smaller exact delay."""
     found = {}
     for number in np.unique(own.other).tolist():
         rows, other = own.other == number, key_of[number]
         low, high = own.low[rows], own.high[rows]
-        difference = delays[key] - delays.get(other, 0)
+        difference, least = (some[key] - some.get(other, 0) for some in (delays, exact))
         # Sooner than the nearest interval, or later.
         away = np.maximum(low - difference, difference - high)
         nearest = int(np.argmin(away))
-        if other in clears or away[nearest] == 1:
+        if other in clears or bool(((least == low - 1) | (least == high + 1)).any()):
             found[other] = _side(difference > high[nearest], tracks.get(key), tracks.get(other))
     return found
 

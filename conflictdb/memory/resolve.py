@@ -197,9 +197,7 @@ def resolve(
     numbers = np.array([number_of[key] for key in moving], np.int64)
     low, high = np.array([limits.of_delays(plans[key]) for key in moving], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
-    found = differences_of(
-        setup.under(scene), Memory(pieces), numbers, most_us, waits=None, moves_areas=bool(movable)
-    )
+    found = differences_of(setup.under(scene), Memory(pieces), numbers, most_us, waits=None, moves_areas=bool(movable))
     weight = np.array([weights.get(key, 1.0) for key in moving])
     program = Program.of(found, numbers, low, high, weight)
     classes = [plans[key].object_class for key in moving]
@@ -208,6 +206,7 @@ def resolve(
     departs = [questions.departure_us(plans[key], None) for key in moving]
     begins = np.array([MINUS_INFINITY_US if at is None else at for at in departs], np.int64)
     solution = place(program, np.argsort(begins, kind="stable").tolist(), level, limits.goal, limits.limit_s)
+    exact = dict(zip(moving, solution.delays.tolist(), strict=True))
     placed = rounded_delays(program, solution.delays, departs, limits.clock)
     if (placed != solution.delays).any():
         solution = replace(solution, delays=placed, objective_s=program.cost(placed, limits.goal))
@@ -236,7 +235,7 @@ def resolve(
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
     leaves = zip(moving, departs, strict=True)
     departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves if at is not None}
-    moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of, departs_at)
+    moves = moves_of(scene, changed, areas, delays, exact, speeds, ways, before - after, found, key_of, departs_at)
     return Proposal(
         tuple(moves),
         tuple(left),

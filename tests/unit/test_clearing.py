@@ -302,6 +302,17 @@ def test_move_is_explained() -> None:
     assert found.as_json()["moves"][0]["text"] == move.text()
 
 
+def test_a_rounded_move_names_what_keeps_it_from_a_smaller_delay() -> None:
+    """A ferry that clears a tow would meet an area then, and comes after it."""
+    tow = replace(TOW, outline_m=rectangle_outline_m(1500, 1500, 500, 500))
+    area = Area("A", shapely.box(0.2, -0.1, 0.21, 0.1), None, T0_US + 3010 * SECOND, T0_US + 4000 * SECOND)
+    for round_s in (0.0, 600.0):
+        found = resolve([FERRY, tow], [area], SCENE, keys=["FERRY"], round_s=round_s)
+        [move] = found.moves
+        assert move.clears == ("TOW",)
+        assert [(one.key, one.side) for one in move.passes] == [("A", Side.AFTER), ("TOW", Side.ASTERN)]
+
+
 def test_margins_and_clock_times_are_kept() -> None:
     """Of random scenes: after the moves a detection with the margin finds nothing; departures are whole minutes."""
     moves = 0
