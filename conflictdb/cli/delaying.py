@@ -13,7 +13,7 @@ from conflictdb.cli.session import database
 from conflictdb.cli.tables import table, wrapped
 from conflictdb.model.clock import Clock, rounded_delay_us, rounded_window
 from conflictdb.model.departure_text import duration_text
-from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.inputs import MICROSECOND
 from conflictdb.model.margin import Margin
 from conflictdb.model.results import Delays, Forbidden, Speeds
 
@@ -86,7 +86,7 @@ def delays_text(
     change: str = "departure",
 ) -> str:
     """Return a table of plans, and a line for each one that no change within the horizon clears."""
-    header = ["KEY", "PLANNED", clock_header("DEPARTS", clock), "LATER", "EARLIER"]
+    header = ["KEY", "PLANNED", f"DEPARTS ({clock.name})", "LATER", "EARLIER"]
     header += ["MAY SHIFT BY", "CLEAR BY", "NAME", "MEETS"]
     rows = []
     for one in found:
@@ -123,33 +123,22 @@ def slots_text(one: Delays, names: Mapping[str, str], clock: Clock, margin: Marg
     planned_at = one.departs_at
     lines = []
     for slot in one.slots:
-        low, high = (_us(at) for at in (slot.from_at, slot.to_at))
-        lines.append(f"free    {_window(*rounded_window(low, high, clock), clock, planned_at)}")
+        lines.append(f"free    {_window(*rounded_window(slot.from_at, slot.to_at, clock), clock, planned_at)}")
     if not one.slots:
         lines.append(f"no free window ({margin.text()})")
     for gap in one.closed:
         # Rounded outward: every departure outside of it is another row's.
-        low, high = (_us(at) for at in (gap.from_at, gap.to_at))
-        step_us = next(clock.steps_us())
-        ends = clock.rounded_us(low, step_us, up=False), clock.rounded_us(high, step_us, up=True)
+        ends = clock.rounded(gap.from_at, up=False), clock.rounded(gap.to_at, up=True)
         text = f"closed  {_window(*ends, clock, planned_at)}, by {labels(names, gap.by)}"
         if gap.ends_at is not None:
-            at_us = clock.rounded_us(_us(gap.ends_at), step_us, up=False)
-            text += f"; free if it ends at {clock.text(_moment(at_us), planned_at)}"
+            text += f"; free if it ends at {clock.text(clock.rounded(gap.ends_at, up=False), planned_at)}"
         elif gap.starts_at is not None:
-            at_us = clock.rounded_us(_us(gap.starts_at), step_us, up=True)
-            text += f"; free if it starts at {clock.text(_moment(at_us), planned_at)}"
+            text += f"; free if it starts at {clock.text(clock.rounded(gap.starts_at, up=True), planned_at)}"
         lines.append(text)
     return "\n".join(lines)
 
 
-def clock_header(text: str, clock: Clock) -> str:
-    """Return the header of a column of clock times."""
-    return f"{text} (UTC)" if clock.zone is UTC else f"{text} ({clock.zone})"
-
-
-def _window(low_us: int, high_us: int, clock: Clock, beside: datetime | None) -> str:
-    low, high = _moment(low_us), _moment(high_us)
+def _window(low: datetime, high: datetime, clock: Clock, beside: datetime | None) -> str:
     return f"{clock.text(low, beside)}-{clock.text(high, low)}"
 
 
@@ -163,14 +152,6 @@ def _departure(one: Delays, clock: Clock, *, later: bool) -> str:
     if one.departs_at is None:
         return shift
     return f"{clock.text(one.departs_at + delay_us * MICROSECOND, one.departs_at)} ({shift})"
-
-
-def _us(moment: datetime) -> int:
-    return (moment - EPOCH) // MICROSECOND
-
-
-def _moment(at_us: int) -> datetime:
-    return EPOCH + at_us * MICROSECOND
 
 
 def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float, names: Mapping[str, str]) -> str:

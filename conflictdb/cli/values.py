@@ -201,7 +201,7 @@ def margin(text: str) -> tuple[float, float]:
     if text.strip() == "0":
         return 0.0, 0.0
     # A bare m is a minute here, as in all times of the command line.
-    if re.search(r"(nmi|km|ft|metres)$", text.strip()):
+    if text.strip().endswith(tuple(_UNITS_M.keys() - {"m"})):
         return 0.0, metres(text)
     try:
         return duration_s(text), 0.0

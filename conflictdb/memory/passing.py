@@ -9,8 +9,8 @@ import numpy as np
 
 from conflictdb.core.delays import Differences
 from conflictdb.memory import questions
-from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
-from conflictdb.model.proposals import METRES_PER_NMI, Move, NewWaypoints, Passing, Side
+from conflictdb.model.plans import MAX_DISTANCE_M, METRES_PER_NMI, Area, Scene, Track
+from conflictdb.model.proposals import Move, NewWaypoints, Passing, Side
 from conflictdb.model.results import Conflict
 
 # Closest approaches are told up to this much beyond the required separation, metres.

@@ -41,6 +41,12 @@ class Clock:
         rest_us = since_us % step_us
         return at_us + (step_us - rest_us if up else -rest_us) if rest_us else at_us
 
+    def rounded(self, moment: datetime, step_us: int | None = None, *, up: bool) -> datetime:
+        """Return a moment rounded as `rounded_us`; None: to the clock's own step."""
+        at_us = (moment - EPOCH) // MICROSECOND
+        step_us = next(self.steps_us()) if step_us is None else step_us
+        return moment + (self.rounded_us(at_us, step_us, up=up) - at_us) * MICROSECOND
+
     def text(self, moment: datetime, beside: datetime | None = None) -> str:
         """Return a moment in the zone, with its date unless that is the date of another one."""
         local = moment.astimezone(self.zone)
@@ -72,10 +78,10 @@ def is_free(found: Delays, delay_us: int) -> bool:
     return not any(round(1e6 * one.from_s) <= delay_us <= round(1e6 * one.to_s) for one in found.forbidden)
 
 
-def rounded_window(low_us: int, high_us: int, clock: Clock) -> tuple[int, int]:
-    """Return the part of a free window of instants, microseconds since 1970, between two clock times."""
+def rounded_window(low: datetime, high: datetime, clock: Clock) -> tuple[datetime, datetime]:
+    """Return the part of a free window between two clock times."""
     for step_us in clock.steps_us():
-        first, last = clock.rounded_us(low_us, step_us, up=True), clock.rounded_us(high_us, step_us, up=False)
-        if low_us <= first <= last <= high_us:
+        first, last = clock.rounded(low, step_us, up=True), clock.rounded(high, step_us, up=False)
+        if low <= first <= last <= high:
             return first, last
-    return low_us, high_us
+    return low, high

@@ -7,10 +7,10 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
 from conflictdb.model.departure_text import duration_text
 from conflictdb.model.methods import Method
+from conflictdb.model.plans import METRES_PER_NMI
 from conflictdb.model.rules import Rule
 from conflictdb.model.scene import Scene
 
-_METRES_PER_NMI: Final = 1852.0
 _US: Final = 1_000_000
 
 
@@ -66,7 +66,7 @@ class Margin:
 
 def _distance(metres: float) -> str:
     """Return a distance in nautical miles if they are whole hundredths, else in metres."""
-    hundredths = 100.0 * metres / _METRES_PER_NMI
+    hundredths = 100.0 * metres / METRES_PER_NMI
     if abs(hundredths - round(hundredths)) < 1e-6:
         return f"{round(hundredths) / 100.0:g} nmi"
     return f"{metres:g} m"

@@ -7,10 +7,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from conflictdb.model.clock import Clock
-from conflictdb.model.plans import Track
+from conflictdb.model.plans import METRES_PER_NMI, Track
 from conflictdb.model.results import format_moment, labelled
 
-METRES_PER_NMI: Final = 1852.0
 _EXACT: Final = Clock(step_us=0)
 
 
