@@ -147,7 +147,8 @@ def test_the_wheel_of_the_sdist_solves_a_scene(tmp_path: Path, dsn: str) -> None
     with tarfile.open(built(tmp_path, "sdist")) as archive:
         archive.extractall(tmp_path, filter="data")
     (root,) = tmp_path.glob("conflictdb-*")
-    for name in ("LICENSE", *LICENCES, "run", "requirements.txt", "requirements-dev.txt", "tests/acceptance", "sql"):
+    names = ["LICENSE", *LICENCES, "SECURITY.md", "run", "requirements.txt", "requirements-dev.txt"]
+    for name in (*names, "examples/kernel/two_ships.c", "tests/acceptance", "sql"):
         assert (root / name).exists(), name
     assert [path for path in root.rglob("*") if path.suffix in (".so", ".pyc", ".dylib")] == []
     wheel = built(tmp_path, root=root)
