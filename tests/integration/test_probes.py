@@ -90,8 +90,8 @@ def test_a_probe_sees_what_no_detection_has_seen(conn: Conn, dsn: str) -> None:
         assert {one.a_key for one in scene.admit(plan, replace=["new"]).conflicts} == {"added", "new"}
         with answering(dsn), connect(dsn) as other:
             with pytest.warns(IncompleteWarning):
-                told = other.scene("s").probe(plan, worker_timeout_s=WAIT_S)
-            assert {(one.a_key, one.b_key) for one in told} == {("added", "new"), ("new", "voyages")}
+                answered = other.scene("s").probe(plan, worker_timeout_s=WAIT_S)
+            assert {(one.a_key, one.b_key) for one in answered} == {("added", "new"), ("new", "voyages")}
     span = "tstzrange(to_timestamp(%s), to_timestamp(%s))"
     found = f"SELECT key FROM conflictdb.probe('s', ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 4326), {span}) ORDER BY key"
     at = [later / 1e6, later / 1e6 + 3600.0]
@@ -143,8 +143,8 @@ def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) ->
             with pytest.raises(InvalidInput, match=rule):
                 db.scene("s").probe(given)
     with answering(dsn), connect(dsn) as db:
-        told = db.scene("s").probe(plans, worker_timeout_s=WAIT_S)
-        assert [(one.a_key, one.b_key, one.periods) for one in told] == [
+        answered = db.scene("s").probe(plans, worker_timeout_s=WAIT_S)
+        assert [(one.a_key, one.b_key, one.periods) for one in answered] == [
             (one.a_key, one.b_key, one.periods) for one in here
         ]
 
@@ -243,8 +243,8 @@ def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) ->
     with answering(dsn), connect(dsn) as db:
         for plan in plans:
             here = said(list(db.scene("s").probe(plan)))
-            told = db.scene("s").probe(plan, worker_timeout_s=WAIT_S)
-            assert (said(list(told)), told.is_current) == (here, True)
+            answered = db.scene("s").probe(plan, worker_timeout_s=WAIT_S)
+            assert (said(list(answered)), answered.is_current) == (here, True)
             assert here
     with connect(dsn) as db:
         with pytest.raises(NotCurrent, match="is not answered after"):

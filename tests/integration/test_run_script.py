@@ -98,8 +98,8 @@ def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute:
 @pytest.mark.parametrize(
     ("word", "what", "needed"),
     [
-        ("plot", "what draws figures", 1),
-        ("report", "what draws figures", 1),
+        ("plot", "the libraries for figures", 1),
+        ("report", "the libraries for figures", 1),
         ("extras", "the libraries of the extras", 2),
         ("test", "the developers' tools", 3),
     ],
