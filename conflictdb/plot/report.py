@@ -12,8 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from conflictdb.core.depths import DeepestContact, depths
-from conflictdb.core.ranking import facts_of, missing_text, worst_first
+from conflictdb.core.depths import depths
+from conflictdb.core.ranking import Known, facts_of, missing_text, worst_first
 from conflictdb.errors import printable
 from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import METHODS
@@ -26,8 +26,6 @@ from conflictdb.plot import departures, figures
 from conflictdb.plot.pdf import document
 from conflictdb.plot.section import Section, drawn
 from conflictdb.plot.style import checked_name, instant, written_whole
-
-Known = Mapping[tuple[str, str], DeepestContact]
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
@@ -150,11 +148,11 @@ def _found(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
 
 def _depths(checked: Checked) -> Known:
     """Return how deep pairs undercut their required separation; none in a scene of too many conflicts."""
-    keys = {key for one in checked.conflicts for key in (one.a_key, one.b_key)}
-    if not 0 < len(checked.conflicts) <= _MOST_DEPTHS:
-        return {}
-    areas = [one for one in checked.areas if one.key in keys]
     pairs = {(one.a_key, one.b_key) for one in checked.conflicts if one.is_current is not False}
+    if not 0 < len(pairs) <= _MOST_DEPTHS:
+        return {}
+    keys = {key for pair in pairs for key in pair}
+    areas = [one for one in checked.areas if one.key in keys]
     return depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys], only=pairs)
 
 
