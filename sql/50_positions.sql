@@ -151,8 +151,8 @@ BEGIN
         RETURN;
     END IF;
     v_former := (SELECT l.seen FROM position_look l);
-    -- The first look, and the first of a restored database, which counts its transactions anew: it reads all positions
-    -- again, which changes nothing.
+    -- The first look, and the first of a restored database, which counts its transactions from 1: it reads all
+    -- positions again, which changes nothing.
     IF v_former IS NULL OR pg_snapshot_xmax(v_former) > pg_snapshot_xmax(pg_current_snapshot()) THEN
         v_former := '1:1:';
     END IF;
@@ -206,8 +206,8 @@ COMMENT ON FUNCTION _prune_positions() IS
 
 COMMENT ON TABLE position IS
 'Positions of tracks, as feeds report them: insert or copy rows of scene, key, instant, place, and, each where known, '
-'height_m and error_m. They are kept for a day (setting conflictdb.positions_kept); the view live has the last one of '
-'each key.';
+'height_m and error_m. They are kept for a day (setting conflictdb.positions_kept); the view live has the last '
+'position of each key.';
 DO $$
 DECLARE
     v_table text;

@@ -45,7 +45,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _unheard(bigint) IS
-'Tracks under way without a position for the time after which one is silent, at an instant (microseconds). Forgets '
+'Tracks under way that are silent at an instant (microseconds): without a position for a time. Forgets '
 'the states of removed tracks. None while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._replanned(
@@ -112,11 +112,11 @@ COMMENT ON VIEW live IS
 COMMENT ON COLUMN live.scene IS 'Name of the scene.';
 COMMENT ON COLUMN live.key IS 'Key of the track.';
 COMMENT ON COLUMN live.state IS
-'on plan: its haven holds the position within a minute of now; late, early: at another time; off: at no time; silent: '
-'no position for conflictdb.silent_after (10 minutes); past its end; not yet under way.';
+'on plan: its haven contains the position within a minute of now; late, early: at another time; off: at no time; '
+'silent: no position for conflictdb.silent_after (10 minutes); past its end; not yet under way.';
 COMMENT ON COLUMN live.late_from_s IS
-'Least lateness at which the haven holds the position, seconds; negative: early. Null: unknown, as where it is off.';
-COMMENT ON COLUMN live.late_to_s IS 'Greatest such lateness, seconds. Of a silent track both grow apart.';
+'Least lateness at which the haven contains the position, seconds; negative: early. Null: unknown, as where it is off.';
+COMMENT ON COLUMN live.late_to_s IS 'Greatest such lateness, seconds. While a track is silent, both grow apart.';
 COMMENT ON COLUMN live.off_m IS
 'How far the position, with its error, is from all places of the haven, metres on the map; null unless it is off.';
 COMMENT ON COLUMN live.instant IS 'When the last position was taken.';
@@ -163,7 +163,8 @@ COMMENT ON COLUMN live_state.instant IS 'When the last position was taken.';
 COMMENT ON COLUMN live_state.place IS 'Last position.';
 COMMENT ON COLUMN live_state.height_m IS 'Its height; null: unknown.';
 COMMENT ON COLUMN live_state.error_m IS 'Its error, metres.';
-COMMENT ON COLUMN live_state.seen_from_s IS 'Least lateness at the last position that the haven held; null: none yet.';
+COMMENT ON COLUMN live_state.seen_from_s IS
+'Least lateness at the last position that the haven contained; null: none yet.';
 COMMENT ON COLUMN live_state.seen_to_s IS 'Greatest lateness there; null: none yet.';
 COMMENT ON COLUMN live_state.version IS 'Version of the track that it was compared with.';
 COMMENT ON COLUMN live_state.as_of IS 'When the look was.';

@@ -8,7 +8,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._lateness(
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 BEGIN
-    -- A track on its plan, or that has not begun it, is late by nothing: its haven holds it.
+    -- A track on its plan, or that has not begun it, is late by nothing: its haven contains it.
     RETURN QUERY
         SELECT l.key, t.track_id,
                CASE WHEN l.state IN ('on plan', 'not yet under way') THEN 0 ELSE round(l.late_from_s * 1e6)::bigint END,
@@ -19,8 +19,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _lateness(bigint, text[]) IS
-'Least and greatest lateness of tracks of a scene with positions, microseconds; null, and not known, where one is off. '
-'Without those whose plans are over.';
+'Least and greatest lateness of tracks of a scene with positions, microseconds; null, and not known, of a track that '
+'is off. Without those whose plans are over.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._follow(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text,
@@ -53,7 +53,7 @@ BEGIN
           FROM pair p LEFT JOIN theirs t ON t.key = p.other_key AND p.other_kind = 1
           WHERE p.other_key IS NOT NULL
             AND coalesce(t.is_known, true)
-            -- The plan of the other one is over.
+            -- The other plan is over.
             AND NOT (t.key IS NULL AND p.other_kind = 1
                      AND EXISTS (SELECT FROM live_state l WHERE l.scene_id = p_scene_id AND l.key = p.other_key))) f
     CROSS JOIN LATERAL (
@@ -105,8 +105,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _open_alarms(bigint, text[]) IS
-'Alarms of a scene with one of some keys, without those of a further track that is off: a look at that track alone '
-'finds what it may meet.';
+'Alarms of tracks with some keys, without those whose other track is off: only a look at that track finds what it may '
+'meet.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(p_now_us bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -203,7 +203,7 @@ COMMENT ON COLUMN live_conflicts.other_key IS 'Key of the other track or area; n
 COMMENT ON COLUMN live_conflicts.verdict IS
 'must: at all latenesses that are possible; may: at some; now: it has begun and is not over.';
 COMMENT ON COLUMN live_conflicts.reason IS
-'Why nothing better is known: off its plan, a lateness beyond delays_within_s, no stored delays; else null.';
+'Why nothing better is known: off its plan, a lateness that exceeds delays_within_s, no stored delays; else null.';
 COMMENT ON COLUMN live_conflicts.first_contact IS
 'When, at the likeliest lateness that conflicts: the planned contact shifted; null: unknown.';
 COMMENT ON COLUMN live_conflicts.last_contact IS 'When it is over; null: unknown.';

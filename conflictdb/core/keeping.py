@@ -16,7 +16,7 @@ OFF: Final = "off"
 SILENT: Final = "silent"
 PAST: Final = "past its end"
 WAITING: Final = "not yet under way"
-# Plans and positions are given to the minute: so much later or earlier is still on plan.
+# Plans and positions are given to the minute: a minute later or earlier is still on plan.
 NEAR_US: Final = 60_000_000
 # Lengths of legs are rounded: this share faster counts as the same speed.
 _ROUNDING: Final = 1e-3
@@ -26,7 +26,7 @@ _STANDS_MPS: Final = 0.05
 
 @dataclass(frozen=True, slots=True)
 class PlannedTimes:
-    """What the state of a track depends on, beside its haven.
+    """Times and speeds of a plan, on which the state of its track depends.
 
     first_us, last_us : when its first voyage begins and its last one ends
     gains : seconds that it may become earlier in a second: its speed limit, or else its fastest leg, by its slowest leg
@@ -66,7 +66,7 @@ class Kept:
     late_us : least and greatest lateness; None: unknown
     off_m : distance from all places of the haven; None unless off
     at_us, lonlat, height_m, error_m : its last position
-    seen_us : lateness at the last position that the haven held; None: none yet
+    seen_us : lateness at the last position that the haven contained; None: none yet
     """
 
     state: str
@@ -80,7 +80,7 @@ class Kept:
 
     @property
     def is_as_planned(self) -> bool:
-        """Whether its haven holds it as planned, so that nothing follows but what is planned."""
+        """Whether its haven contains it as planned: no other conflicts follow than the planned ones."""
         return self.state in (ON_PLAN, WAITING)
 
     @property
@@ -89,7 +89,7 @@ class Kept:
         return self.state == PAST
 
     def at(self, plan: PlannedTimes, latenesses: Spans, former: Self | None) -> Self:
-        """Return the state at this position, whose haven holds it at some latenesses.
+        """Return the state at this position, which its haven contains at some latenesses.
 
         former : at an earlier position; None: this is the first
         """

@@ -1,7 +1,7 @@
-"""How late tracks are: the delays at which a haven holds a position, by the narrow phase of delays.
+"""How late tracks are: the delays at which a haven contains a position, by the narrow phase of delays.
 
-A position is a small area, a disc of its error, that exists at its instant alone. A track that is late by d holds it if
-the track, departing d later, is in contact with that area: `core.delays` says for which d.
+A position is a small area, a disc of its error, that exists at its instant alone. A track that is late by d contains it
+if the track, departing d later, is in contact with that area: `core.delays` says for which d.
 """
 
 from dataclasses import replace
@@ -58,7 +58,7 @@ class Positions(NamedTuple):
 def lateness_of(setup: Setup, pieces: Pieces, positions: Positions) -> list[Spans]:
     """Return how late a track may be that is at a position, for each (n,): whole microseconds, negative: early.
 
-    No interval: its haven holds the position at no time.
+    No interval: its haven contains the position at no time.
 
     setup : without separations, which the pieces were made with
     pieces : of the tracks, by their ids

@@ -148,10 +148,10 @@ def read_observed(
 
             root = parsed(file.text())
             if not is_gpx(root):
-                raise InvalidInput("file", "", "holds no positions: give CSV, or GPX with tracks")
+                raise InvalidInput("file", "", "has no positions: give CSV, or GPX with tracks")
             return gpx_fixes(root, stem(path))
         if _suffix(path) not in (".csv", ".tsv"):
-            raise InvalidInput("file", "", "holds no positions: give CSV (.csv, .tsv), or GPX with tracks (.gpx)")
+            raise InvalidInput("file", "", "has no positions: give CSV (.csv, .tsv), or GPX with tracks (.gpx)")
         from conflictdb.formats.positions import read_fixes
 
         return read_fixes(file.text())

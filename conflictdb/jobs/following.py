@@ -23,7 +23,7 @@ from conflictdb.model.results import Conflict, Kind
 _ENDS_AT_US: Final = 60_000_000
 _CORNERS: Final = 16
 _NO_DELAYS: Final = "the scene stores no delays: set delays_within_s"
-_BEYOND: Final = "its lateness is beyond delays_within_s ({:g} s)"
+_BEYOND: Final = "its lateness exceeds delays_within_s ({:g} s)"
 _OFF: Final = "off its plan: it may be anywhere that it can reach"
 _LOST: Final = "off its plan when it was last heard of"
 
@@ -113,7 +113,7 @@ def _later(plan: Area | Track, by_us: int) -> Area | Track:
 
 
 def _met(settings: Scene, plans: Sequence[Area | Track]) -> Conflict | None:
-    """Return the conflict of two plans; None if there is none, or one is shifted out of the calendar."""
+    """Return the conflict of two plans; None without a conflict, or for a plan shifted out of the calendar."""
     try:
         return next(iter(_conflicts(settings, plans)), None)
     except InvalidInput:
@@ -170,7 +170,7 @@ def _around(
 
 
 def _disc(key: str, state: Kept, plan: PlannedTimes, until_us: int) -> Track:
-    """Return the disc in which a track is from its position on, as a track that stands still and grows."""
+    """Return the disc around the last position of a track that contains it later: a track that stands and grows."""
     azimuth = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     radius_m = max(state.error_m, 1.0) / np.cos(np.pi / _CORNERS)
     outline = radius_m * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)

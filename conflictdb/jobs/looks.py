@@ -176,7 +176,7 @@ class Looks:
 
 
 def _without_separations(scene: Scene) -> Setup:
-    """Return the setup in which a haven alone holds a position."""
+    """Return the setup of a scene for positions: a haven contains them, without its separations."""
     return Setup.of(
         replace(scene, separation_m=0.0, vertical_separation_m=0.0, time_separation_s=0.0, nearest_m=0.0, rules=())
     )

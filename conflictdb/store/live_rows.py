@@ -182,7 +182,7 @@ def following(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str])
 
 
 def open_alarms(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> dict[tuple[str, str], Alarm]:
-    """Return the alarms with one of some keys, without those of a further track that is off."""
+    """Return the alarms of tracks with some keys, without those whose other track is off."""
     found = {}
     for row in call_many(conn, "_open_alarms", scene_id, list(keys)):
         key, other_key, verdict, reason, first_us, last_us, lon, lat = row

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d97743591e9ba712ccd5bccdfdd8fba0403ce00f11bf2fbe42f48cc76d7d09f0"
+routines_sha256 = "d67dcd47f6394fea9da0fbc4dee3566869d48f08af8685120477d263fac65312"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

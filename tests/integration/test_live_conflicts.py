@@ -75,7 +75,7 @@ def test_a_late_ferry_meets_the_tow(conn: Conn) -> None:
     ((pair, (verdict, reason, first, _, alarm)),) = found.items()
     assert (pair, verdict, reason) == (("FERRY", "TOW"), "must", None)
     assert abs((first - BEGAN).total_seconds() - 40 * 60) < 90
-    # It holds while it stays so, as one alarm.
+    # It stays one alarm while nothing changes.
     put(conn, "FERRY", 29, 19 / 60, 0)
     assert look(conn, 29)["FERRY", "TOW"][-1] == alarm
     # On plan again: it ends by itself.
@@ -91,7 +91,7 @@ def test_what_cannot_be_looked_up_is_may_by_name(conn: Conn) -> None:
     assert (pair, found[:3]) == (("A", None), ("may", "the scene stores no delays: set delays_within_s", None))
     detected(conn, plans, delays_within_s=300)
     put(conn, "A", 21, 11 / 60, 0)
-    assert look(conn, 21)["A", None][1] == "its lateness is beyond delays_within_s (300 s)"
+    assert look(conn, 21)["A", None][1] == "its lateness exceeds delays_within_s (300 s)"
 
 
 def test_a_ship_off_its_plan_may_meet_what_it_can_reach(conn: Conn) -> None:
