@@ -85,7 +85,7 @@ def delays_text(
     margin: Margin,
     change: str = "departure",
 ) -> str:
-    """Return a table of plans, and a line for each one that no change within the horizon clears."""
+    """Return a table of plans, and a line for each plan that no change within the horizon clears."""
     header = ["KEY", "PLANNED", f"DEPARTS ({clock.name})", "LATER", "EARLIER"]
     header += ["MAY SHIFT BY", "CLEAR BY", "NAME", "MEETS"]
     rows = []
