@@ -18,7 +18,7 @@ from commands import Run, runner
 from map_page import Serve
 from patience import until
 from piecework import load
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 import conflictdb
 from conflictdb.jobs.detect import detect
@@ -331,7 +331,10 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
             assert first.count(path) == 1
         assert first.index("/api/tracks") < first.index("/api/depths")
         page.wait_for_selector("html[data-ready=true]", state="attached")
+        brief = brief_that_follows_the_scene(page, conn)
         assert_kept_where_nobody_refuses_the_scene(page, conn)
+        expect(brief).to_be_hidden()
+        expect(brief).to_be_empty()
         conn.execute("DELETE FROM conflictdb.scene WHERE name = 'strait'")
         conn.commit()
         expect(page.locator("#list p")).to_have_text(
@@ -340,6 +343,22 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
         expect(page.locator("#state")).to_have_text("it was deleted, renamed or unshared")
         page.evaluate("document.getElementById('scenes').remove()")  # where the reader's scenes are chosen
         assert "confidential" not in page.content()
+
+
+def brief_that_follows_the_scene(page: Page, conn: Conn) -> Locator:
+    """Open the brief of an object; somebody else acknowledges one of its conflicts."""
+    page.locator(".row", has_text="SUB-1").first.click()
+    page.get_by_role("button", name="Brief of SUB-1").click()
+    brief = page.locator("#brief")
+    expect(brief).to_contain_text("not acknowledged")
+    pairs = page.evaluate("conflictdbPage.model.conflicts.map(({a, b}) => [a, b])")
+    for pair in (pair for pair in pairs if "SUB-1" in pair):
+        conn.execute("SELECT conflictdb.acknowledge('strait', %s, %s, 'agreed by radio')", pair)
+    conn.commit()
+    expect(brief).to_contain_text("agreed by radio")
+    expect(brief).not_to_contain_text("not acknowledged")
+    page.locator(".back").click()
+    return brief
 
 
 def assert_kept_where_nobody_refuses_the_scene(page: Page, conn: Conn) -> None:

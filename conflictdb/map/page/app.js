@@ -278,6 +278,7 @@ class Page {
     view.renew(state.version, what === "objects" ? undefined : ["conflicts"]);
     this.describe();
     this.readRanked();
+    this.brief.takeAgain(state.model);
     if (state.chosen) {
       state.chooseAgain();
       if (state.chosen) this.showDetail();
@@ -312,6 +313,7 @@ class Page {
     this.closeWhatIf();
     byId("detail").replaceChildren();
     this.select(null);
+    this.brief.takeAgain(state.model);
     this.table.show(false);
     this.draw("objects");
     this.view.reveal(false);

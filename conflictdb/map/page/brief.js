@@ -30,15 +30,28 @@ export class Brief {
   }
 
   show(object, model) {
-    this.shown = { object, model };
     this.section.hidden = false;
     document.documentElement.classList.add("briefed");
-    this.settled = this.read();
+    this.take(object, model);
     this.section.querySelector("h2").focus({ preventScroll: true });
+  }
+
+  take(object, model) {
+    this.shown = { object, model };
+    this.settled = this.read();
+  }
+
+  // Of a scene that has changed, or is no longer shown.
+  takeAgain(model) {
+    if (!this.shown) return;
+    const object = model.objects.get(this.shown.object.key);
+    if (object) this.take(object, model);
+    else this.hide();
   }
 
   hide() {
     this.section.hidden = true;
+    this.section.replaceChildren();
     this.shown = null;
     document.documentElement.classList.remove("briefed");
   }
