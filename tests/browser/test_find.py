@@ -119,9 +119,11 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     assert max(one[3] for one in found if one) < 1e-3
     page.get_by_role("combobox", name="Object").fill("alone")
     page.get_by_role("combobox", name="Object").press("Enter")
-    expect(page.locator("#object .said")).to_have_text(
-        "No conflict. Nothing comes within 1000 km at its time and heights."
-    )
+    said = page.locator("#object .said")
+    expect(said).to_have_text("No conflict. Nothing comes within 540 nmi at its time and heights.")
+    page.get_by_text("More", exact=True).click()
+    page.get_by_label("Units").select_option("metric")
+    expect(said).to_have_text("No conflict. Nothing comes within 1000 km at its time and heights.")
 
 
 def test_chips_take_one_limit_away_each(open_strait: Open) -> None:

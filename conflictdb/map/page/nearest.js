@@ -3,6 +3,7 @@
 import { alone, atHeights, heightsUnder, pairsNear, together, unpackPieces } from "./near.js";
 
 const REACHES_M = [1e3, 1e4, 1e5, 1e6]; // so far it is looked for, one after the other
+export const FARTHEST_M = REACHES_M.at(-1);
 
 // { other (a key), m, error, t } of the others of a source; t is infinite of two that stand still. Null: none is within the last reach at
 // its times and heights.

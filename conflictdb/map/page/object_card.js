@@ -2,6 +2,7 @@
 
 import { element } from "./dom.js";
 import { bound, clock, counted, distance, heights, period, printable } from "./format.js";
+import { FARTHEST_M } from "./nearest.js";
 
 export class ObjectCard {
   // `on`: whatIf(track), brief(object), close(), goTo(object)
@@ -43,7 +44,7 @@ export class ObjectCard {
       if (asked === this.asked) said.textContent = `${none} What comes nearest is not known: ${printable(error.message)}.`;
     }
     if (asked !== this.asked || found === undefined) return;
-    said.replaceChildren(...(found === null ? [`${none} Nothing comes within 1000 km at its time and heights.`] : [
+    said.replaceChildren(...(found === null ? [`${none} Nothing comes within ${distance(FARTHEST_M).replace(".0 ", " ")} at its time and heights.`] : [
       `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other)), `, ${distance(found.m)} (within ${bound(found.error, "m")})`,
       ...(Number.isFinite(found.t) ? [", at ", element("button", { type: "button", class: "link", click: () => this.on.goTo(object, found.t) }, `${clock(found.t)}`)] : []), "."]));
   }
