@@ -53,6 +53,12 @@ const OBJECT_ZOOM = 11; // the most, of an object that was found
 const corners = ([west, south, east, north]) => [0, 0.25, 0.5, 0.75, 1].flatMap((share) => (
   [south, north].map((lat) => [west + share * (east - west), lat])));
 
+// The box around places.
+function around(places) {
+  const [lons, lats] = [0, 1].map((n) => places.map((place) => place[n]));
+  return [Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)];
+}
+
 // A name as a shell takes it.
 const quoted = (text) => (/^[\w.-]+$/.test(text) ? text : `'${printable(text).replace(/'/g, "'\\''")}'`);
 
@@ -587,7 +593,7 @@ class Page {
       this.card.hide();
       return;
     }
-    const count = model.conflicts.filter(({ a, b }) => a === selected || b === selected).length;
+    const count = model.conflictsOf(selected).length;
     this.card.show(object, count, { isCurrent: model.scene.is_current, asksWhatIf: this.departure.key !== selected && this.areaMove.key !== selected, maySendAway: this.source.isLive },
       () => this.nearest(selected));
   }
@@ -622,8 +628,7 @@ class Page {
     const at = Math.min(Math.max(t, from), Math.max(from, to - 1e-3));
     if (at !== this.state.t) this.moveTo(at);
     const ring = object.kind === "track" ? object.motion.haven(at) : [object.box.slice(0, 2), object.box.slice(2)];
-    const [lons, lats] = [0, 1].map((n) => ring.map((place) => place[n]));
-    this.goToBox([Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)], OBJECT_ZOOM);
+    this.goToBox(around(ring), OBJECT_ZOOM);
   }
 
   goToPlace([lon, lat], zoom) {
@@ -695,7 +700,7 @@ class Page {
 
   // The keys of those that an object is in conflict with.
   othersOf(key) {
-    return this.state.model.conflicts.filter(({ a, b }) => a === key || b === key).map(({ a, b }) => (a === key ? b : a));
+    return this.state.model.conflictsOf(key).map(({ a, b }) => (a === key ? b : a));
   }
 
   // Shows the conflicts and the haven of a moved plan; null: as planned.
@@ -719,9 +724,7 @@ class Page {
       const ringAt = (at) => track.motion.haven(Math.min(Math.max(at, track.start), track.end - 1e-3)) ?? [];
       const ghost = ringAt(t - plan.laterUs / 1e6);
       if (!ghost.length || this.view.holds(ghost)) return;
-      const places = [...ghost, ...ringAt(t)];
-      const [lons, lats] = [0, 1].map((n) => places.map((place) => place[n]));
-      this.goToBox([Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)], OBJECT_ZOOM);
+      this.goToBox(around([...ghost, ...ringAt(t)]), OBJECT_ZOOM);
     }, REST_MS);
   }
 

@@ -1,8 +1,8 @@
 // What if an area were elsewhere, or active from or until another instant: the server says what it would meet.
 
 import { element } from "./dom.js";
-import { counted, distance, moment, printable, zone } from "./format.js";
-import { capital, laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
+import { capital, counted, distance, moment, printable, zone } from "./format.js";
+import { laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
 import { RADIANS, shorter, SPHERE_M } from "./world.js";
 
 const ENDS = { starts: "start", ends: "end" }; // of an area

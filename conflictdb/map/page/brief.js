@@ -74,7 +74,7 @@ export class Brief {
   draw() {
     if (!this.shown) return;
     const { object, model } = this.shown;
-    const conflicts = worstFirst(model.conflicts.filter(({ a, b }) => a === object.key || b === object.key));
+    const conflicts = worstFirst(model.conflictsOf(object.key));
     const owner = this.owners?.[object.key];
     const hasFocus = this.section.contains(document.activeElement);
     this.section.replaceChildren(

@@ -2,6 +2,7 @@
 
 import { bound, clock, distance as far, duration, heights, metres, period, place, zone } from "./format.js";
 import { missingText } from "./missing.js";
+import { lasting } from "./model.js";
 
 const VERBS = { conflict: "overlap", grazing: "touch, or nearly", unresolved: "may overlap" };
 const NEAR_VERBS = { conflict: "are", grazing: "are just about", unresolved: "may be" };
@@ -11,8 +12,9 @@ function what({ verdict }, { separation_m: separation, time_separation_s: apart 
   return separation > 0 ? `${NEAR_VERBS[verdict]} within ${far(separation)} of each other` : VERBS[verdict];
 }
 
-function when({ periods, start, end }) {
-  const lasts = periods.reduce((sum, [a, b]) => sum + b - a, 0);
+function when(conflict) {
+  const { periods, start, end } = conflict;
+  const lasts = lasting(conflict);
   const count = periods.length > 1 ? ` in ${periods.length} periods` : "";
   const long = Number.isFinite(lasts) ? ` for ${duration(lasts)}${count}` : count;
   return `${long}, ${period(start, end, null)} ${zone(start)}`;

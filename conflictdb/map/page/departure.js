@@ -2,11 +2,11 @@
 // what sliders change.
 
 import { element } from "./dom.js";
-import { counted, metres, moment, printable } from "./format.js";
+import { capital, counted, metres, moment, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
 import { unpackPieces } from "./near.js";
-import { capital, laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
+import { laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
 import { DepartureStrip } from "./strip.js";
 import { limitsOf, union, WhatIf } from "./what_if.js";
 

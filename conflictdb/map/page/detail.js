@@ -3,7 +3,7 @@
 import { sentenceOf } from "./card.js";
 import { DistanceChart } from "./distance_chart.js";
 import { element } from "./dom.js";
-import { bound, distance as far, duration, heights, metres, moment, period, place, printable, zone } from "./format.js";
+import { bound, capital, distance as far, duration, heights, metres, moment, period, place, printable, zone } from "./format.js";
 import { MERCATOR_END } from "./model.js";
 import { plan } from "./plan.js";
 
@@ -171,6 +171,6 @@ export class Detail {
 }
 
 const sentence = (text) => {
-  const said = printable(text.charAt(0).toUpperCase() + text.slice(1));
+  const said = printable(capital(text));
   return /[.?!]$/.test(said) ? said : `${said}.`;
 };

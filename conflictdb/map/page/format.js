@@ -27,7 +27,8 @@ export function shortened(text, most) {
   return signs.length > most ? `${signs.slice(0, most - 1).join("")}…` : text;
 }
 
-const NMI_M = 1852;
+export const NMI_M = 1852;
+const ROUND = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).sort((a, b) => a - b);
 
 const two = (n) => String(n).padStart(2, "0");
 
@@ -122,6 +123,12 @@ export function distance(m) {
   return `${m >= 10 ? Math.round(m) : m.toFixed(1)} m`;
 }
 
+// The longest bar of a round length of at most so many metres: metres, or tenths of a nautical mile.
+export function barLength(mostM) {
+  const unit = display.isNautical && mostM >= NMI_M / 10 ? NMI_M / 10 : 1;
+  return unit * (ROUND.findLast((n) => n * unit <= mostM) ?? 1);
+}
+
 // A speed over the ground.
 export const speed = (mps) => (display.isNautical ? `${((mps * 3600) / NMI_M).toFixed(1)} kn` : `${mps.toFixed(1)} m/s`);
 
@@ -140,6 +147,8 @@ export function place(lon, lat) {
 
 // With commas between thousands; the formats of the browser take some hundredths of a second to load.
 export const grouped = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, ",");
+
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 export const counted = (n, word) => `${grouped(n)} ${word}${n === 1 ? "" : "s"}`;
 

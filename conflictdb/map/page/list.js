@@ -4,6 +4,7 @@ import { byId, element } from "./dom.js";
 import { bound, clock, duration, grouped, moment, period, printable } from "./format.js";
 import { areNamed, fittedPair, namesOf } from "./pair_names.js";
 import { missingText } from "./missing.js";
+import { lasting } from "./model.js";
 import { font } from "./theme.js";
 
 const ROWS = [60, 80]; // heights of rows, pixels: of keys, and of names, one below the other
@@ -142,7 +143,7 @@ export class List {
 
   row(n) {
     const conflict = this.conflicts[n];
-    const lasts = conflict.periods.reduce((sum, [a, b]) => sum + (b - a), 0);
+    const lasts = lasting(conflict);
     const facts = [
       this.before(conflict),
       conflict.verdict === "conflict" ? null : conflict.verdict,

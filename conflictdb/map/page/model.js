@@ -219,6 +219,10 @@ export class Model {
     this.rank();
   }
 
+  conflictsOf(key) {
+    return this.conflicts.filter(({ a, b }) => a === key || b === key);
+  }
+
   get isRanked() {
     return this.ranked.size > 0;
   }

@@ -2,8 +2,7 @@
 // contact, true to scale also where Web Mercator is not, next to the poles.
 
 import { drawn } from "./dom.js";
-import { display } from "./display.js";
-import { distance } from "./format.js";
+import { barLength, distance } from "./format.js";
 import { RADIANS, SPHERE_M } from "./world.js";
 
 const [WIDTH, HEIGHT, EDGE] = [320, 200, 24];
@@ -44,9 +43,7 @@ export function plan(objects, footprints, contact, t) {
   const shapes = seen.map((rings, i) => drawn("path", {
     class: `plan-${"ab"[i]}`, d: rings.map((ring) => `M${ring.map(at).join("L")}Z`).join(""),
   }));
-  const tenths = display.isNautical ? [1, 2, 5].flatMap((n) => [0, 1, 2, 3, 4].map((e) => n * 10 ** e * 185.2)) : [];
-  const bar = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).filter((m) => !display.isNautical || m < 185).concat(tenths)
-    .sort((a, b) => a - b).filter((m) => m * scale <= 90).pop() ?? 1;
+  const bar = barLength(90 / scale);
   return drawn("svg", {
     class: "plan", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img",
     "aria-label": `Both at first contact, on the ground; the bar is ${distance(bar)} long`,

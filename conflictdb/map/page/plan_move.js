@@ -19,8 +19,6 @@ export function laterBy(us) {
 const probed = ([other, verdict, error, periods]) => (
   { other, verdict, error_s: error, periods: periods.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]) });
 
-export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-
 // Subclasses have: `what` the server is asked, `moveText()`, `asksServer` whether to ask it what the plan would meet, `show(conflicts)`,
 // `undoOf(what)`, `takeStored(digest)` of the plan that is stored, and `hideHandles()`.
 export class PlanMove {

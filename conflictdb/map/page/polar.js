@@ -1,7 +1,6 @@
 // The map about a pole, where Web Mercator ends: polar stereographic, so that shapes are true. All of it is drawn here.
 
-import { display } from "./display.js";
-import { distance, labelOf } from "./format.js";
+import { barLength, distance, labelOf } from "./format.js";
 import { colour, font, theme } from "./theme.js";
 import { RADIANS, SPHERE_M } from "./world.js";
 
@@ -17,7 +16,6 @@ const CLICK_PX = 6;
 const DRAG_PX = 4;
 const MOST_NAMES = 80;
 const STEPS = [30, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
-const BARS = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).sort((a, b) => a - b);
 
 // Where a place is seen from above a pole (1: north, -1: south): x and y (down) in radii of the earth, 0 at the pole.
 export function seenFrom(pole, [lon, lat]) {
@@ -327,8 +325,7 @@ export class PolarView {
   drawScale(height) {
     const { context } = this;
     const metre = this.metresPerPixel();
-    const unit = display.isNautical ? 1852 : 1;
-    const length = unit * (BARS.filter((one) => (one * unit) / metre <= 140).pop() ?? 1);
+    const length = barLength(140 * metre);
     context.strokeStyle = colour("ink-soft");
     context.lineWidth = 2;
     context.beginPath();

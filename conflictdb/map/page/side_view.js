@@ -4,7 +4,7 @@
 import { element } from "./dom.js";
 import { apartDuring, bandAt, bandsOf, LAYERS } from "./heights.js";
 import { display } from "./display.js";
-import { clock, grouped, labelOf, metres, printable } from "./format.js";
+import { clock, grouped, labelOf, metres, NMI_M, printable } from "./format.js";
 import { wayOf } from "./way.js";
 import { colour, font, theme } from "./theme.js";
 
@@ -257,7 +257,7 @@ export class SideView {
 
   // Nautical miles, or kilometres, from the start of the track.
   drawWay(context, width) {
-    const [unitM, unit] = display.isNautical ? [1852, "nmi"] : [1000, "km"];
+    const [unitM, unit] = display.isNautical ? [NMI_M, "nmi"] : [1000, "km"];
     const whole = this.way(this.scene.subject.end) / unitM;
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((one) => (one / (whole || 1)) * this.timeline.width() >= 64) ?? 10_000;
     context.textAlign = "center";
