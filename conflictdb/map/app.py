@@ -1,6 +1,6 @@
 """Serve the page's requests as an ASGI application: it writes acknowledgements, moved plans and ends of branches."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -46,7 +46,12 @@ _LONGEST_S: Final = 86_400
 # Farthest from an object that the page looks for others, metres.
 _FARTHEST_M: Final = 1_000_000
 # Largest moves of a plan: a day, and any height on the earth.
-_MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
+_MOST_MOVED: Final = {
+    "later_us": _LONGEST_S * 1e6,
+    "up_m": 20_000.0,
+    "starts_us": _LONGEST_S * 1e6,
+    "ends_us": _LONGEST_S * 1e6,
+}
 # Number, longitude (it may run on across the date line) and latitude of a moved waypoint.
 _MOST_WAYPOINT: Final = (2**31 - 1, 540, 90)
 # Longitudes and latitudes of a place of an area, and of where it goes.
@@ -398,25 +403,24 @@ def _real(name: str, value: object, most: float) -> float:
     return value
 
 
+def _reals(name: str, value: object, most: Sequence[float], what: str) -> tuple[float, ...] | None:
+    """Return numbers of a request, each between -most and most; None for null."""
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != len(most):
+        raise HTTPException(400, f"{name}: must be {what}, or null")
+    return tuple(_real(name, one, limit) for one, limit in zip(value, most, strict=True))
+
+
 def _move(asked: Mapping[str, Any]) -> editing.PlanMove:
     """Return the move of a plan that a request describes."""
-    branch, place, shift = asked.get("branch"), asked.get("waypoint"), asked.get("shift_deg")
+    branch = asked.get("branch")
     if branch is not None and not isinstance(branch, str):
         raise HTTPException(400, "branch: must be a text, or null")
-    later_us, up_m = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
-    waypoint = None
-    if place is not None:
-        if not isinstance(place, list) or len(place) != len(_MOST_WAYPOINT):
-            raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
-        number, lon, lat = (_real("waypoint", one, most) for one, most in zip(place, _MOST_WAYPOINT, strict=True))
-        waypoint = (abs(int(number)), lon, lat)
-    shift_deg = None
-    if shift is not None:
-        if not isinstance(shift, list) or len(shift) != len(_MOST_SHIFT):
-            raise HTTPException(400, "shift_deg: must be longitude and latitude of two places, or null")
-        lon, lat, to_lon, to_lat = (_real("shift_deg", one, most) for one, most in zip(shift, _MOST_SHIFT, strict=True))
-        shift_deg = (lon, lat, to_lon, to_lat)
-    starts_us, ends_us = (_real(name, asked.get(name, 0), _MOST_MOVED["later_us"]) for name in ("starts_us", "ends_us"))
+    later_us, up_m, starts_us, ends_us = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
+    place = _reals("waypoint", asked.get("waypoint"), _MOST_WAYPOINT, "number, longitude and latitude")
+    waypoint = None if place is None else (abs(int(place[0])), place[1], place[2])
+    shift_deg = _reals("shift_deg", asked.get("shift_deg"), _MOST_SHIFT, "longitude and latitude of two places")
     return editing.PlanMove(
         _text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch,
         shift_deg, round(starts_us), round(ends_us),

@@ -193,9 +193,9 @@ def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
 def owners(conn: psycopg.Connection[Any], scene: str, key: str) -> dict[str, str]:
     """Return the owners, by key, of an object and of all that it is in conflict with."""
     with store.transaction(conn):
-        pairs = [one.pair for one in listed(conflicts(conn, scene))]
-        known = {key, *(other for pair in pairs if key in (pair.a, pair.b) for other in (pair.a, pair.b))}
-        return owned(*store.read_scene(conn, scene, sorted(known))[1:])
+        found = store.each_conflict(conn, scene, store.Selection(key=key))
+        keys = {key}.union(*((one.a_key, one.b_key) for one in found))
+        return owned(*store.read_scene(conn, scene, sorted(keys))[1:])
 
 
 def owned(areas: Sequence[Area], tracks: Sequence[Track]) -> dict[str, str]:

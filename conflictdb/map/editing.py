@@ -44,7 +44,7 @@ class PlanMove:
     up_m: float
     waypoint: tuple[int, float, float] | None
     branch: str | None
-    shift_deg: tuple[float, float, float, float] | None = None
+    shift_deg: tuple[float, ...] | None = None
     starts_us: int = 0
     ends_us: int = 0
 
@@ -56,23 +56,25 @@ def digest(plan: Area | Track) -> str:
 
 def described(conn: psycopg.Connection[Any], scene: str, key: str) -> dict[str, Any]:
     """Return an object as a feature, and its digest for `PlanMove.plan`; InvalidInput if it is not known."""
-    plan = _known(conn, scene, key)
+    _, plan = _known(conn, scene, key)
     return {"feature": feature_of(plan), "plan": digest(plan)}
 
 
-def _moved(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, move: PlanMove) -> Area | Track:
+def _moved(settings: Scene, plan: Area | Track, move: PlanMove) -> Area | Track:
     """Return the plan of a scene as a page moved it; raises InvalidInput if that is no plan."""
     of_area = bool(move.shift_deg or move.starts_us or move.ends_us)
     of_track = bool(move.later_us or move.up_m or move.waypoint)
     if isinstance(plan, Track):
         if of_area:
-            raise InvalidInput(f"track {plan.key!r}", "move", "is one of an area: move its times or waypoints")
+            raise InvalidInput(
+                f"track {plan.key!r}", "move", "must be of its times, heights or waypoints; got a move of an area"
+            )
         return moved(plan, move)
     if of_track:
-        raise InvalidInput(f"area {plan.key!r}", "move", "is one of a track: move its place, or the ends of its times")
-    with store.transaction(conn):
-        earth = store.read_settings(conn, store.scene_or_branch_id(conn, scene)).earth
-    return moved_area(plan, move, earth)
+        raise InvalidInput(
+            f"area {plan.key!r}", "move", "must be of its place, or of the ends of its times; got a move of a track"
+        )
+    return moved_area(plan, move, settings.earth)
 
 
 def moved_area(area: Area, move: PlanMove, earth: EarthModel) -> Area:
@@ -132,10 +134,10 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
 
     By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
     """
-    plan = _seen(conn, scene, move)
+    settings, plan = _seen(conn, scene, move)
     if isinstance(plan, Track) and plan.schedule is not None and move.later_us:
         plan = _expanded(conn, scene, plan, move.later_us)
-    plan = _moved(conn, scene, plan, move)
+    plan = _moved(settings, plan, move)
     is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
     found = _met(*read_around(conn, scene, plan), plan) if is_branch else probes.probe(conn, scene, [plan])
     return [
@@ -171,22 +173,22 @@ def _met(settings: Scene, areas: list[Area], tracks: list[Track], plan: Area | T
     return conflicts_between(world.setup, Members.of_plans(world, [plan]), Members.of_plans(world, others))
 
 
-def _known(conn: psycopg.Connection[Any], scene: str, key: str) -> Area | Track:
-    """Return an object of a scene; InvalidInput if it is not known."""
-    _, areas, tracks = store.read_scene(conn, scene, [key])
+def _known(conn: psycopg.Connection[Any], scene: str, key: str) -> tuple[Scene, Area | Track]:
+    """Return the settings of a scene and an object; InvalidInput if it is not known."""
+    settings, areas, tracks = store.read_scene(conn, scene, [key])
     plans: list[Area | Track] = [*areas, *tracks]
     if plans:
-        return plans[0]
+        return settings, plans[0]
     raise InvalidInput(f"scene {scene!r}", "object", f"{key!r} is not known")
 
 
-def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Area | Track:
-    """Return the plan that a page moved; InvalidInput if it is not known, or another one by now."""
-    plan = _known(conn, scene, move.key)
+def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> tuple[Scene, Area | Track]:
+    """Return the settings of a scene and the plan that a page moved; InvalidInput if it is not known, or changed."""
+    settings, plan = _known(conn, scene, move.key)
     if digest(plan) != move.plan:
         kind = "area" if isinstance(plan, Area) else "track"
         raise InvalidInput(f"{kind} {move.key!r}", "plan", "was changed meanwhile: look at it again")
-    return plan
+    return settings, plan
 
 
 # What may be done with a branch.
@@ -227,7 +229,7 @@ def put(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> str:
         if move.branch is not None:
             store.create_branch(conn, scene, move.branch, None)
             target = move.branch
-        loading.put(conn, target, [_moved(conn, target, _seen(conn, target, move), move)], None)
-        stored = _known(conn, target, move.key)
+        loading.put(conn, target, [_moved(*_seen(conn, target, move), move)], None)
+        _, stored = _known(conn, target, move.key)
     _detect(conn, target)
     return digest(stored)

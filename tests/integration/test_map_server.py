@@ -256,6 +256,16 @@ def test_only_the_page_acknowledges(strait: Client, dsn: str) -> None:
     assert reasons() == []
 
 
+def test_owners_are_those_of_an_object_and_of_what_it_meets(strait: Client, conn: psycopg.Connection[Any]) -> None:
+    """SUB-2 meets DIVING, and not FERRY; objects without an owner, or that are not there, have none."""
+    for kind, key in (("track", "SUB-2"), ("area", "DIVING"), ("track", "FERRY")):
+        conn.execute(f"UPDATE conflictdb.{kind} SET owner = %s WHERE key = %s".encode(), [f"of {key}", key])
+    conn.commit()
+    assert strait.read("/api/owners?key=SUB-2") == {"SUB-2": "of SUB-2", "DIVING": "of DIVING"}
+    assert strait.read("/api/owners?key=CABLE") == {}
+    assert strait.ask("GET", "/api/owners?key=NONE")[0] == 400
+
+
 def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[Any]) -> None:
     """The page says so; and if it sent the request all the same, the database would refuse."""
     with conflictdb.connect(dsn) as db:
