@@ -327,7 +327,7 @@ def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
         page.goto(strait)
         expect(page.locator("#state")).to_contain_text("4 areas · 6 tracks")
         first = asked[: asked.index("events")]
-        for path in ("/api/scene", "/api/conflicts", "/api/areas", "/api/tracks"):
+        for path in ("/api/scene", "/api/conflicts", "/api/areas", "/api/tracks", "/page/kernel.wasm"):
             assert first.count(path) == 1
         assert first.index("/api/tracks") < first.index("/api/depths")
         page.wait_for_selector("html[data-ready=true]", state="attached")

@@ -71,6 +71,8 @@ def assert_scenes_are_shown(page: Page, dsn: str, gone: Page) -> None:
     picker.select_option("no ferry")
     opened(page, "no ferry")
     assert len(rows(page)) == 4
+    read = "performance.getEntriesByType('resource').filter(({name}) => name.endsWith('/api/scenes')).length"
+    assert page.evaluate(read) == 1
     expect(page.get_by_label("Scene")).to_have_value("no ferry")
     page.get_by_role("button", name="CABLE and SUB-1").click()
     expect(page.locator(".card")).to_contain_text("inside by 7.2 nmi at")  # of pieces of the branch

@@ -151,7 +151,7 @@ class Page {
     if (!model.isRanked) ranked.then(() => this.beginAgain(begun)); // the list has another first one
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
     if (source.isLive) {
-      this.scenes.read(model.scene.scene);
+      if (!this.scenes.shown) this.scenes.read(model.scene.scene);
       source.watch(state.version, (what) => this.changed(what), (isHeard) => {
         if (isHeard) this.describe();
         else tell("The server does not answer; trying again.", true);
@@ -184,6 +184,7 @@ class Page {
     const { usual, scenes } = await this.source.scenes();
     const isThere = scenes.some((one) => one.scene === scene);
     this.source.name = isThere ? scene : usual;
+    this.scenes.take(scenes, this.source.name);
     return isThere ? null : scene;
   }
 

@@ -20,13 +20,17 @@ export class Scenes {
 
   // Reads which scenes there are, and shows one of them as chosen.
   async read(shown = this.shown) {
-    this.shown = shown;
     let scenes;
     try {
       ({ scenes } = await this.source.scenes());
     } catch {
       return; // the page says so
     }
+    this.take(scenes, shown);
+  }
+
+  take(scenes, shown) {
+    this.shown = shown;
     const text = JSON.stringify(scenes);
     if (text !== this.known) this.list(scenes);
     [this.known, this.last] = [text, scenes];

@@ -129,7 +129,7 @@ export class ServerSource {
 
   // The kernel as WebAssembly.
   async kernel() {
-    return (await answered(fetch("page/kernel.wasm"))).arrayBuffer();
+    return (await answered(requested("page/kernel.wasm"))).arrayBuffer();
   }
 
   // Pieces of a track, and of what it may meet if it departs that much earlier or later.
