@@ -266,6 +266,7 @@ class Page {
       return; // the list is by time
     }
     if (this.view) this.applyFilter();
+    this.brief.draw();
   }
 
   hasOverview({ objects }) {
