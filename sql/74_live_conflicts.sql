@@ -24,8 +24,8 @@ COMMENT ON FUNCTION _lateness(bigint, text[]) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._follow(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text,
-    OUT slack_us bigint, OUT by_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint,
-    OUT other_high_us bigint
+    OUT slack_us bigint, OUT by_us bigint, OUT latest_us bigint, OUT low_us bigint, OUT high_us bigint,
+    OUT other_low_us bigint, OUT other_high_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan
 SET enable_seqscan = off SET jit = off AS $$
@@ -47,7 +47,10 @@ BEGIN
     SELECT f.key, f.other_key, f.other_kind,
            CASE WHEN g.slack > 0 THEN NULL
                 WHEN int8range(f.low, f.high, '[]') <@ f.proven_us THEN 'must' ELSE 'may' END,
-           g.slack, g.by, f.low_us, f.high_us, f.other_low, f.other_high
+           g.slack, g.by,
+           (SELECT max(least(upper(r) - 1, f.high)) FROM unnest(f.forbidden_us) r
+            WHERE lower(r) <= f.high AND upper(r) > f.low),
+           f.low_us, f.high_us, f.other_low, f.other_high
     FROM (SELECT p.*, coalesce(t.low_us, 0) AS other_low, coalesce(t.high_us, 0) AS other_high,
                  p.low_us - coalesce(t.high_us, 0) AS low, p.high_us - coalesce(t.low_us, 0) AS high
           FROM pair p LEFT JOIN theirs t ON t.key = p.other_key AND p.other_kind = 1
@@ -69,7 +72,8 @@ $$;
 COMMENT ON FUNCTION _follow(bigint, text[]) IS
 'What the latenesses of tracks of a scene come to, for each pair with a track or area that some delay brings it into '
 'conflict with. verdict: must, if all of the possible differences are proven to conflict; may; null: no conflict, and '
-'slack_us is left. by_us: a difference in conflict, or the nearest to it, and the latenesses that are possible.';
+'slack_us is left. by_us: a difference in conflict, or the nearest to it; latest_us: the greatest in conflict; and the '
+'latenesses that are possible.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._notify_alarm(
     p_scene text, p_kind text, p_alarm_id bigint, p_key text, p_other_key text, p_verdict text

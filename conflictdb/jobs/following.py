@@ -96,16 +96,23 @@ def _plans(conn: psycopg.Connection[Any], settings: Scene, keys: set[str]) -> di
 def _contact(
     settings: Scene, plans: Mapping[str, Area | Track], row: store.Following, now_us: int
 ) -> "store.Alarm | None":
-    """Return when and where a pair meets at a difference in conflict; None if that is over."""
+    """Return when and where a pair meets at a difference in conflict; None if that is over, and at the latest, too."""
     verdict = row.verdict or "may"
     mine, other = plans.get(row.key), plans.get(row.other_key)
     if mine is None or other is None:
         return store.Alarm(verdict)
-    # Near the middle of what is possible: as much of the difference as it may have is given to the first.
-    by_us = min(max((row.low_us + row.high_us) // 2, row.by_us + row.other_low_us), row.by_us + row.other_high_us)
-    by_us = min(max(by_us, row.low_us), row.high_us)
-    conflict = _met(settings, [_later(mine, by_us), _later(other, by_us - row.by_us)])
-    return _alarm(conflict, verdict, None, now_us)
+
+    def at(difference_us: int, wanted_us: int) -> "store.Alarm | None":
+        """Return the alarm at a difference, the first of the pair late by `wanted_us`, or as near to it as possible."""
+        late_us = min(max(wanted_us, difference_us + row.other_low_us), difference_us + row.other_high_us)
+        late_us = min(max(late_us, row.low_us), row.high_us)
+        conflict = _met(settings, [_later(mine, late_us), _later(other, late_us - difference_us)])
+        return _alarm(conflict, verdict, None, now_us)
+
+    alarm = at(row.by_us, (row.low_us + row.high_us) // 2)
+    if alarm is None and row.latest_us is not None and (alarm := at(row.latest_us, row.high_us)) is not None:
+        return alarm._replace(verdict="may")
+    return alarm
 
 
 def _later(plan: Area | Track, by_us: int) -> Area | Track:

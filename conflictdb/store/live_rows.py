@@ -75,6 +75,7 @@ class Following(NamedTuple):
     verdict: str | None
     slack_us: int
     by_us: int
+    latest_us: int | None
     low_us: int
     high_us: int
     other_low_us: int

@@ -11,7 +11,7 @@ from commands import Run
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
 
-from conflictdb import Scene, Track, connect, solve, store
+from conflictdb import Area, Scene, Track, connect, solve, store
 from conflictdb.jobs import detect
 from conflictdb.jobs.looks import Looks
 from conflictdb.model.plans import rectangle_outline_m
@@ -138,6 +138,21 @@ def test_an_alarm_ends_when_its_contact_is_over(conn: Conn) -> None:
     assert set(look(conn, 30)) == {("FERRY", "TOW")}
     assert set(look(conn, 38)) == {("FERRY", "TOW")}
     assert look(conn, 43) == {}
+
+
+def test_a_silent_track_may_still_meet_what_it_should_have_passed(conn: Conn) -> None:
+    """Planned at the area at 30 minutes and silent since 20, it may have stopped, and be there only after 45."""
+    area = Area("DIVING", [(0.49, -0.01), (0.51, -0.01), (0.51, 0.01), (0.49, 0.01)])
+    store.replace_scene(
+        conn, Scene("s", delays_within_s=7200), [area], [crossing("FERRY", 0, north=False)], merge=False
+    )
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    put(conn, "FERRY", 20, 20 / 60, 0)
+    assert look(conn, 20) == {}
+    ((pair, (verdict, _, first, *_)),) = look(conn, 45).items()
+    assert (pair, verdict) == (("FERRY", "DIVING"), "may")
+    assert abs((first - BEGAN).total_seconds() - 55 * 60) < 120
 
 
 @pytest.mark.parametrize("draws", [6, pytest.param(150, marks=pytest.mark.slow)])
