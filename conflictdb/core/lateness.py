@@ -22,7 +22,6 @@ from conflictdb.earth.geodesy import great_circle_distance
 from conflictdb.earth.registry import Setup
 from conflictdb.earth.shortest_lines import places_at
 from conflictdb.kernel.boxes import BoxTree, RowBoxes, boxes_of
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 _Ints = NDArray[np.int64]
 _NO_TRACKS: Final = TrackBatch.of([])
@@ -64,17 +63,14 @@ def lateness_of(setup: Setup, pieces: Pieces, positions: Positions) -> list[Span
     pieces : of the tracks, by their ids
     """
     discs = _discs(setup, positions)
-    both = Pieces.concatenate([pieces, discs])
-    # Whenever: a late track is elsewhere in its own time.
-    rows = replace(
-        RowBoxes.of(both, boxes_of(both)),
-        start_us=np.full(len(both), MINUS_INFINITY_US),
-        end_us=np.full(len(both), INFINITY_US),
-    )
-    disc, a = BoxTree(rows.take(np.arange(len(pieces)))).pairs(rows.take(np.arange(len(pieces), len(both))))
     # A disc that leaves the plane is a cover, which meets everything: that says nothing about where the track is.
-    is_own = (positions.track[discs.object_id[disc]] == pieces.object_id[a]) & (discs.part[disc] != COVER)
-    a, b = PieceRows(a[is_own]), PieceRows(len(pieces) + disc[is_own])
+    discs = discs.take(np.flatnonzero(discs.part != COVER))
+    both = Pieces.concatenate([pieces, discs])
+    # A late track is elsewhere in its own time. Tracks take the place of times: a disc meets its own track, whenever.
+    track = np.concatenate([pieces.object_id, positions.track[discs.object_id]])
+    rows = replace(RowBoxes.of(both, boxes_of(both)), start_us=2 * track, end_us=2 * track + 1)
+    disc, own = BoxTree(rows.take(np.arange(len(pieces)))).pairs(rows.take(np.arange(len(pieces), len(both))))
+    a, b = PieceRows(own), PieceRows(len(pieces) + disc)
     if not len(a):
         return [Spans.union(a, a) for _ in range(len(positions.at_us))]
     number = np.concatenate([np.full(len(pieces), -1), discs.object_id])
