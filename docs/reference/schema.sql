@@ -1668,6 +1668,9 @@ FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _end_alarms(p_now_us bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[])
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
@@ -1725,7 +1728,7 @@ FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _follow(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text, OUT slack_us bigint, OUT by_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint, OUT other_high_us bigint)
+FUNCTION _follow(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text, OUT slack_us bigint, OUT by_us bigint, OUT latest_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint, OUT other_high_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _follow_attachment(p_attachment_id bigint, p_waits boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
@@ -2154,7 +2157,7 @@ FUNCTION _oldest_editor(p_snapshot pg_snapshot)
 FUNCTION _on_map(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _open_alarms(p_scene_id bigint, p_keys text[], p_now_us bigint, OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision)
+FUNCTION _open_alarms(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _open_attached_schema()
@@ -2432,9 +2435,6 @@ FUNCTION _scene_to_change(p_scene text)
 
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean, branch_of text) LANGUAGE sql STABLE PARALLEL SAFE;
-
-FUNCTION _scenes_with_alarms()
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
