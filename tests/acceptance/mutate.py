@@ -260,7 +260,7 @@ class Sites(ast.NodeVisitor):
 
 def file_of(module: str) -> str:
     """Return where in the package a module is."""
-    return module.replace(".", "/") + ".py"
+    return module if module.endswith((".c", ".h")) else module.replace(".", "/") + ".py"
 
 
 def sites(root: Path, module: str) -> list[Mutant]:

@@ -1,7 +1,13 @@
 """The mutants themselves: the changed text, and that each still compiles."""
 
+import ctypes
+import subprocess
+from pathlib import Path
+
 import mutate
+import mutate_kernel
 from mutate import MODULES, ROOT, Mutant, Sites
+from patience import WAIT_S
 
 SOURCE = '''
 LIMIT = 2.0
@@ -49,3 +55,71 @@ def test_mutants_are_drawn_by_the_seed_and_compile() -> None:
     assert len({mutant.module for mutant in drawn}) > 10
     for mutant in drawn:
         compile(changed(mutant), mutant.module, "exec")
+
+
+KERNEL = """\
+static double least_m(const Box *box, int64_t n) {
+    static const double LIMITS[] = {1.0, 2.0};
+    double found = 0.5, *x = box->x; /* 3 < 4 */
+    for (int64_t i = 0; i < n; i++)
+        if (x[i] * -2.0 < found && !box->is_empty) found += (double)i - fabs(x[i]);
+    return found;
+}
+"""
+
+
+def test_what_is_changed_in_the_kernel() -> None:
+    found = [f"{m.old} -> {m.new}" for m in mutate_kernel.Sites("kernel/some.c", KERNEL).found]
+    assert found == [
+        "0.5 -> 1.0",
+        "0 -> 1",
+        "i < n -> i <= n",
+        "i < n -> i > n",
+        "x[i] * -2.0 < found && !box->is_empty -> !(x[i] * -2.0 < found && !box->is_empty)",
+        "x[i] * -2.0 -> x[i] / -2.0",
+        "-2.0 -> 2.0",
+        "2.0 -> 4.0",
+        "x[i] * -2.0 < found -> x[i] * -2.0 <= found",
+        "x[i] * -2.0 < found -> x[i] * -2.0 > found",
+        "x[i] * -2.0 < found && !box->is_empty -> x[i] * -2.0 < found || !box->is_empty",
+        "!box->is_empty -> box->is_empty",
+        "found += (double)i - fabs(x[i]) -> (void)0",
+        "found += (double)i - fabs(x[i]) -> found -= (double)i - fabs(x[i])",
+        "(double)i - fabs(x[i]) -> (double)i + fabs(x[i])",
+        "fabs(x[i]) -> (x[i])",
+    ]
+
+
+def test_changes_of_the_kernel_are_chosen_by_a_variable(tmp_path: Path) -> None:
+    """Nested ones, too; none is chosen at first, and the library notes which were reached."""
+    source = "int sum(int a, int b) { int c = 2; c += a * b + 3; return c; }\n"
+    mutants = mutate_kernel.Sites("kernel/some.c", source).found
+    (tmp_path / "mutants.h").write_text(mutate_kernel.HEADER.format(count=len(mutants)))
+    text = '#include "mutants.h"\n' + mutate_kernel.rendered(source, list(enumerate(mutants)))
+    (tmp_path / "some.c").write_text(text)
+    made = tmp_path / "some.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", made, tmp_path / "some.c"], check=True, timeout=WAIT_S)
+    library = ctypes.CDLL(str(made))
+    assert library.sum(5, 7) == 2 + 5 * 7 + 3
+    assert all((ctypes.c_ubyte * len(mutants)).in_dll(library, "_kernel_reached"))
+    expected = {
+        "2 -> 3": 3 + 35 + 3,
+        "c += a * b + 3 -> (void)0": 2,
+        "c += a * b + 3 -> c -= a * b + 3": 2 - 38,
+        "a * b -> a / b": 2 + 0 + 3,
+        "a * b + 3 -> a * b - 3": 2 + 35 - 3,
+        "3 -> 4": 2 + 35 + 4,
+    }
+    got = {}
+    for k, mutant in enumerate(mutants):
+        ctypes.c_int.in_dll(library, "_kernel_mutant").value = k
+        got[f"{mutant.old} -> {mutant.new}"] = library.sum(5, 7)
+    assert got == expected
+
+
+def test_all_of_the_kernel_is_read() -> None:
+    """Each file of the folders has changes, and names of them are texts of one line."""
+    every = mutate_kernel.sites(ROOT, mutate_kernel.FOLDERS)
+    assert len({mutant.module for mutant in every}) > 25
+    assert len(every) > 8_000
+    assert all("\n" not in mutant.new for mutant in every)
