@@ -1,5 +1,6 @@
 """Move an area or a track by distance and bearing at its true size, and let two plans exchange their times."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,14 +32,35 @@ def moved(plan: Area | Track, distance_m: float, bearing_deg: float, scene: Scen
 
     Raises InvalidInput for distances beyond half the earth, and where the plan would reach beyond a pole.
     """
+    places = _positions(plan)
+    at = places[0] if isinstance(plan, Track) else 0.5 * (places.min(axis=0) + places.max(axis=0))
+    return _elsewhere(plan, places, at, distance_m, bearing_deg, scene)
+
+
+def dragged(area: Area, from_deg: Sequence[float], to_deg: Sequence[float], scene: Scene) -> Area | Track:
+    """Return an area elsewhere, as `moved`, when one place of it goes to another; longitudes and latitudes, degrees."""
+    at, to = np.array(from_deg), np.array(to_deg)
+    if scene.motion == Motion.GREAT_CIRCLE:
+        east, north, _ = geodesy.great_circle_step(*at, *to)
+        distance_m = geodesy.great_circle_distance(*at, *to)
+        bearing_deg = np.degrees(np.arctan2(east, north))
+    else:
+        distance_m, bearing_deg = geodesy.rhumb_inverse(earth_of(scene.earth), *at, *to)
+    return _elsewhere(area, _positions(area), at, float(distance_m), float(bearing_deg), scene)
+
+
+def _elsewhere(
+    plan: Area | Track, places: _Floats, at: _Floats, distance_m: float, bearing_deg: float, scene: Scene
+) -> Area | Track:
+    """Return a plan of which a place moves by a distance along a bearing."""
     who = f"{'area' if isinstance(plan, Area) else 'track'} {plan.key!r}"
     if not (0.0 <= distance_m <= _MOST_M and np.isfinite(bearing_deg)):
         rule = "must be a distance from 0 to 20,000 km and a bearing in degrees"
         raise InvalidInput(who, "move", f"{rule}; got {distance_m:g} m, {bearing_deg:g}")
-    places = _positions(plan)
-    at = places[0] if isinstance(plan, Track) else 0.5 * (places.min(axis=0) + places.max(axis=0))
     if scene.motion == Motion.GREAT_CIRCLE:
         new = _turned(places, at, distance_m, bearing_deg)
+        if isinstance(plan, Area):
+            new = _closed(plan.footprint, new)
     elif isinstance(plan, Track):
         new = _along_legs(earth_of(scene.earth), places, distance_m, bearing_deg)
     else:
@@ -64,6 +86,8 @@ def exchanged(a: Area | Track, b: Area | Track) -> tuple[Area | Track, Area | Tr
     Raises InvalidInput for an area and a track, and for tracks that do not depart once.
     """
     who = f"{a.key!r} and {b.key!r}"
+    if a.key == b.key:
+        raise InvalidInput(who, "swap", "must be two plans; got one twice")
     if isinstance(a, Track) and isinstance(b, Track):
         for track in (a, b):
             if track.departures_us is not None or is_idle(track):
@@ -106,6 +130,23 @@ def _around(earth: Earth, places: _Floats, at: _Floats, distance_m: float, beari
 
 def _step(earth: Earth, at: _Floats, bearing_deg: float, distance_m: float) -> _Floats:
     return np.array(geodesy.rhumb_direct(earth, at[0], at[1], bearing_deg, distance_m))
+
+
+def _closed(footprint: shapely.Geometry, new: _Floats) -> _Floats:
+    """Return the vertices of a footprint, turned, with rings that close; NaN where one goes round a pole.
+
+    Longitudes of a ring are near each other, and its first one near that of the first ring.
+    """
+    rings = shapely.get_rings(shapely.get_parts(footprint))
+    ends = np.cumsum(shapely.get_num_coordinates(rings))
+    new = new.copy()
+    for first, end in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True):
+        way_round = geodesy.shorter_way_deg(np.diff(new[first:end, 0])).sum()
+        begin = new[0, 0] + geodesy.shorter_way_deg(new[first, 0] - new[0, 0])
+        steps = geodesy.shorter_way_deg(np.diff(new[first : end - 1, 0]))
+        new[first : end - 1, 0] = begin + np.concatenate([[0.0], np.cumsum(steps)])
+        new[end - 1] = new[first] if abs(way_round) < 180.0 else np.nan
+    return new
 
 
 def _turned(places: _Floats, at: _Floats, distance_m: float, bearing_deg: float) -> _Floats:

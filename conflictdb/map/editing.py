@@ -6,22 +6,20 @@ from typing import Any, Final
 
 import numpy as np
 import psycopg
-import shapely
 
 from conflictdb import store
-from conflictdb.arrays import Floats
 from conflictdb.client import loading
 from conflictdb.core.conflicts_between import conflicts_between
 from conflictdb.core.members import Members
+from conflictdb.core.moving_plans import dragged
 from conflictdb.core.world import Reach, World
-from conflictdb.earth.geodesy import earth_of, rhumb_direct, rhumb_inverse
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.jobs import probes
 from conflictdb.jobs.detect import detect
 from conflictdb.jobs.plans_near import read_around
 from conflictdb.map.content import to_json
-from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
 
@@ -74,11 +72,11 @@ def _moved(settings: Scene, plan: Area | Track, move: PlanMove) -> Area | Track:
         raise InvalidInput(
             f"area {plan.key!r}", "move", "must be of its place, or of the ends of its times; got a move of a track"
         )
-    return moved_area(plan, move, settings.earth)
+    return moved_area(plan, move, settings)
 
 
-def moved_area(area: Area, move: PlanMove, earth: EarthModel) -> Area:
-    """Return an area elsewhere: each vertex as far, on the same bearing; active from and until other instants."""
+def moved_area(area: Area, move: PlanMove, settings: Scene) -> Area | Track:
+    """Return an area elsewhere, as `probe --move` has it, active from and until other instants."""
     if move.starts_us or move.ends_us:
         if area.schedule is not None or area.spans_us is not None:
             raise InvalidInput(f"area {area.key!r}", "times", "are several, or a schedule: change these instead")
@@ -87,16 +85,7 @@ def moved_area(area: Area, move: PlanMove, earth: EarthModel) -> Area:
         )
         area = replace(area, start_us=start_us, end_us=end_us)
     if move.shift_deg is not None:
-        model = earth_of(earth)
-        distance_m, bearing_deg = rhumb_inverse(model, *move.shift_deg)
-
-        def shifted(places: Floats) -> Floats:
-            there = np.stack(rhumb_direct(model, places[:, 0], places[:, 1], bearing_deg, distance_m), axis=1)
-            if not np.isfinite(there).all():
-                raise InvalidInput(f"area {area.key!r}", "place", "reaches beyond a pole: move it less far")
-            return there
-
-        area = replace(area, footprint=shapely.transform(area.footprint, shifted))
+        return dragged(area, move.shift_deg[:2], move.shift_deg[2:], settings)
     return area
 
 

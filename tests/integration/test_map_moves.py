@@ -3,14 +3,15 @@
 import json
 from typing import Any
 
-import numpy as np
 import psycopg
+import pytest
 import shapely
 from map_page import Client, served_page
 
 import conflictdb
+from conflictdb.core.moving_plans import dragged, moved
 from conflictdb.earth.geodesy import earth_of, rhumb_inverse
-from conflictdb.model.plans import EarthModel
+from conflictdb.model.plans import Area, EarthModel, Scene
 
 HOSTILE = "<img src=x onerror=alert(1)>\u202e"
 SHAPE = "SELECT ST_AsText(path), floor_m, ceiling_m FROM conflictdb.track ORDER BY track_id"
@@ -68,8 +69,8 @@ def test_a_moved_waypoint_and_a_branch_with_any_name(strait: Client, dsn: str) -
     assert moved.times_us.tolist() == same.times_us.tolist()
 
 
-def test_a_moved_area_is_as_far_on_one_bearing_and_ends_at_another_time(strait: Client, dsn: str) -> None:
-    """In a branch; moves of tracks, places beyond a pole, an end before the start and odd numbers are refused."""
+def test_a_moved_area_keeps_its_size_and_ends_at_another_time(strait: Client, dsn: str) -> None:
+    """In a branch, as `probe --move` moves it; what cannot be a move of an area is refused."""
     asked = {"key": "DIVING", "plan": strait.read("/api/plan?key=DIVING")["plan"], "branch": "moved"}
     for wrong in (
         {"later_us": 1_000_000},
@@ -87,11 +88,17 @@ def test_a_moved_area_is_as_far_on_one_bearing_and_ends_at_another_time(strait: 
     assert status == 200
     with conflictdb.connect(dsn) as db:
         (_, (now,), _), (_, (before,), _) = (db.scene(name)._read(["DIVING"]) for name in ("moved", "strait"))
-    places = [shapely.get_coordinates(one.footprint) for one in (before, now)]
-    length_m, bearing_deg = rhumb_inverse(earth_of(EarthModel.WGS84), *places[0].T, *places[1].T)
-    assert np.ptp(length_m) < 1e-3
-    assert np.ptp(bearing_deg) < 1e-6
-    assert 22_000.0 < length_m[0] < 24_000.0
+    earth = earth_of(EarthModel.WGS84)
+    step_m, bearing_deg = rhumb_inverse(earth, 9.0, 57.0, 9.1, 57.2)
+    as_probed = moved(before, float(step_m), float(bearing_deg), Scene("strait"))
+    assert isinstance(as_probed, Area)
+    # The dragged place moves by exactly this, as the middle does in `probe --move`; in between it differs little.
+    exact = dragged(before, (9.0, 57.0), (9.1, 57.2), Scene("strait"))
+    assert isinstance(exact, Area)
+    assert shapely.get_coordinates(now.footprint) == pytest.approx(shapely.get_coordinates(exact.footprint), abs=1e-12)
+    assert shapely.get_coordinates(now.footprint) == pytest.approx(
+        shapely.get_coordinates(as_probed.footprint), abs=1e-2
+    )
     assert before.end_us is not None
     assert (now.start_us, now.end_us) == (before.start_us, before.end_us - 3_600_000_000)
 

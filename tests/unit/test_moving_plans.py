@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb.core.moving_plans import delayed, exchanged, moved
+from conflictdb.core.moving_plans import delayed, dragged, exchanged, moved
 from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
@@ -62,6 +62,23 @@ def test_a_moved_area_keeps_its_true_size() -> None:
     assert back == pytest.approx(coordinates(area), abs=1e-9)
 
 
+@pytest.mark.parametrize("scene", [RHUMB, CIRCLES])
+@pytest.mark.parametrize("to", [(9.1, 50.6), (180.1, 3.0), (8.2, -50.0)])
+def test_a_dragged_area_goes_where_its_place_goes_and_back(scene: Scene, to: tuple[float, float]) -> None:
+    """As `moved` by the way of its middle, if that is dragged."""
+    hole, part = shapely.box(8.1, 50.1, 8.2, 50.15), shapely.box(9.0, 50.0, 9.1, 50.1)
+    shape = shapely.box(8.0, 50.0, 8.4, 50.2).difference(hole).union(part)
+    area = Area("A", shape, start_us=T0_US, end_us=T0_US + HOUR_US)
+    middle = (8.55, 50.1)
+    there = dragged(area, middle, to, scene)
+    assert isinstance(there, Area)
+    if scene is RHUMB:
+        far_m, bearing = (float(one) for one in geodesy.rhumb_inverse(WGS84, *middle, *to))
+        assert coordinates(there) == pytest.approx(coordinates(moved(area, far_m, bearing, scene)), abs=1e-12)
+    back = coordinates(dragged(there, to, middle, scene))
+    assert geodesy.unit_vectors(back) == pytest.approx(geodesy.unit_vectors(coordinates(area)), abs=1e-11)
+
+
 @pytest.mark.parametrize("bearing", [0.0, 77.0, 180.0, 300.0])
 def test_great_circles_turn_all_distances_unchanged(bearing: float) -> None:
     """Also across a pole."""
@@ -83,6 +100,19 @@ def test_hostile_distances_are_refused(far: float) -> None:
         moved(track([(0.0, 0.0), (1.0, 0.0)]), far, 0.0, RHUMB)
     with pytest.raises(InvalidInput, match="beyond a pole"):
         moved(track([(0.0, 0.0), (1.0, 0.0)]), 1.2e7, 0.0, RHUMB)
+
+
+def test_an_area_that_would_go_round_a_pole_is_refused() -> None:
+    area = Area("A", shapely.box(8.0, 50.0, 8.4, 50.2), start_us=T0_US, end_us=T0_US + HOUR_US)
+    for scene, far_m in ((RHUMB, 4_450_000.0), (CIRCLES, 4_437_000.0)):
+        with pytest.raises(InvalidInput, match="beyond a pole"):
+            moved(area, far_m, 0.0, scene)
+
+
+def test_one_plan_is_not_exchanged_with_itself() -> None:
+    one = track([(0.0, 0.0), (1.0, 0.0)], "A")
+    with pytest.raises(InvalidInput, match="must be two plans"):
+        exchanged(one, one)
 
 
 def test_tracks_exchange_departures_and_areas_their_times() -> None:

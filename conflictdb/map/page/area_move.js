@@ -16,12 +16,15 @@ function wayBetween(from, to) {
   return [Math.hypot(east, north) * RADIANS * SPHERE_M, ((Math.atan2(east, north) / RADIANS) + 360) % 360];
 }
 
-// The rings of a feature as they are drawn when a place of it goes to another one, degrees: as far, on the same bearing.
+// The rings of a feature as they are drawn when a place of it goes to another one, degrees: as large, around that.
 function shiftedRings({ geometry: { type, coordinates } }, shift) {
   const [lon, lat, toLon, toLat] = shift ?? [0, 0, 0, 0];
-  const [east, north] = between([lon, lat], [toLon, toLat]);
   const polygons = type === "Polygon" ? [coordinates] : coordinates;
-  return polygons.flat().map((ring) => ring.map(([x, y]) => [x + east / Math.cos(Math.min(89, Math.abs(y + north / 2)) * RADIANS), y + north]));
+  const there = ([x, y]) => {
+    const [east, north] = between([lon, lat], [x, y]);
+    return [toLon + east / Math.cos(Math.min(89, Math.abs(toLat + north / 2)) * RADIANS), toLat + north];
+  };
+  return polygons.flat().map((ring) => (shift ? ring.map(there) : ring));
 }
 
 export class AreaMove extends PlanMove {
