@@ -98,6 +98,8 @@ DECLARE
     v_rows bigint;
     v_key text;
     v_total bigint;
+    v_same bigint := 0;
+    v_changed bigint := 0;
 BEGIN
     IF NOT p_merge AND _parent_of(v_scene_id) IS NOT NULL THEN
         PERFORM _scene_id(p_name);
@@ -197,6 +199,43 @@ BEGIN
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     added := v_total - unchanged - v_rows;
     unchanged := unchanged + v_rows - updated;
+    IF _parent_of(v_scene_id) IS NOT NULL THEN
+        -- Of the parent's objects that the branch shows: the same ones need no edit, others are changed by it.
+        DELETE FROM pg_temp.staged_area s USING _seen_areas(v_scene_id) a WHERE a.key = s.key AND (
+            /* area columns: WRITTEN(a) */
+            a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+            CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+            /* end */
+        ) IS NOT DISTINCT FROM (
+            /* area columns: STAGED(s) */
+            ST_SetSRID(s.footprint, 4326), tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
+            nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name, s.properties, s.class, s.owner, s.activations,
+            s.schedule
+            /* end */
+        );
+        GET DIAGNOSTICS v_same = ROW_COUNT;
+        DELETE FROM pg_temp.staged_track s USING _seen_tracks(v_scene_id) t WHERE t.key = s.key AND (
+            /* track columns: WRITTEN(t) */
+            t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+            t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
+            /* end */
+        ) IS NOT DISTINCT FROM (
+            /* track columns: STAGED(s) */
+            ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name,
+            s.properties, nullif(s.grow_mps, 'NaN'), s.outlines, s.floors::double precision[],
+            s.ceilings::double precision[], s.class, s.owner, s.tolerances, s.departures, s.schedule
+            /* end */
+        );
+        GET DIAGNOSTICS v_rows = ROW_COUNT;
+        v_same := v_same + v_rows;
+        SELECT count(*) INTO v_changed
+            FROM (SELECT s.key FROM pg_temp.staged_area s UNION ALL SELECT s.key FROM pg_temp.staged_track s) s
+            WHERE EXISTS (SELECT FROM _seen_areas(v_scene_id) a WHERE a.key = s.key)
+                  OR EXISTS (SELECT FROM _seen_tracks(v_scene_id) t WHERE t.key = s.key);
+        added := added - v_same - v_changed;
+        updated := updated + v_changed;
+        unchanged := unchanged + v_same;
+    END IF;
     scene_id := v_scene_id;
     SELECT s.added, s.next_page INTO stored, next_page FROM _add_staged(v_scene_id, 0) s;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);

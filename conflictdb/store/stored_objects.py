@@ -113,7 +113,7 @@ def replace_scene_by_parts(
         phase("storing objects", 0, 0)
         *counts, number, stored, page = call(conn, "_load", scene.name, settings_of(scene), merge)
         while page is not None:
-            phase("storing objects", stored, counts[0])
+            phase("storing objects", stored, max(stored, counts[0]))
             more, page = call(conn, "_add_staged", number, page)
             stored += more
     return LoadCounts(*counts)

@@ -295,6 +295,26 @@ def test_removal_on_both_sides_is_merged(scene: StoredScene) -> None:
     assert branch.merge() == 0
 
 
+def test_a_load_counts_what_it_changes_for_the_branch(db: Database, scene: StoredScene) -> None:
+    """Objects of the parent are updated or unchanged, not added; unchanged ones still follow the parent."""
+    settings, areas, tracks = store.read_scene(scene.connection, scene.name)
+    branch = scene.branch("trial")
+    branch.delete_objects(areas[1].key)
+    here = replace(settings, name="trial")
+    changed = [replace(areas[0], name="another"), *areas[1:]]
+    new = replace(tracks[0], key="new")
+    as_area = replace(areas[0], key=tracks[1].key)  # a key passes from a track to an area
+    given = [*changed, as_area], [tracks[0], *tracks[2:], new]
+    count = len(areas) + len(tracks)
+    expected = store.stored_objects.LoadCounts(2, 2, 0, count - 3)
+    assert store.replace_scene(scene.connection, here, *given, merge=True) == expected
+    expected = store.stored_objects.LoadCounts(0, 0, 0, count + 1)
+    assert store.replace_scene(scene.connection, here, *given, merge=True) == expected
+    store.replace_scene(scene.connection, settings, [], [replace(tracks[0], name="renamed")], merge=True)
+    [seen] = [one for one in store.read_scene(scene.connection, "trial")[2] if one.key == tracks[0].key]
+    assert seen.name == "renamed"
+
+
 def test_two_sessions_merge_once(db: Database, scene: StoredScene, dsn: str) -> None:
     """Of two merges of one branch, one succeeds and the other finds no branch."""
     branch = scene.branch("branch")
