@@ -21,6 +21,7 @@ DECLARE
         'delays_of(p_scene, p_key, p_horizon, p_now, key, least_later_s, least_earlier_s, blocked_by, forbidden, '
         'waits, has_departed, earliest_s, latest_s)',
         'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',
+        'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m, class, owner)',
         'preview_attachment(p_scene, p_kind, p_table, p_map, p_every, p_objects, part, what)',
         'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '

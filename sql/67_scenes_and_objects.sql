@@ -2,23 +2,23 @@
 
 CREATE OR REPLACE FUNCTION list_objects(p_scene text) RETURNS TABLE (
     key text, kind text, name text, start_at timestamptz, end_at timestamptz, floor_m double precision,
-    ceiling_m double precision, class text, owner text
+    ceiling_m double precision, class text, owner text, schedule jsonb
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.key, 'area', a.name, lower(_active_within(a.active_span, a.activations)),
            upper(_active_within(a.active_span, a.activations)), a.floor_m, a.ceiling_m,
-           a.class, a.owner
+           a.class, a.owner, a.schedule
     FROM _seen_areas(_scene_or_branch(p_scene)) a
     UNION ALL
     SELECT t.key, 'track', t.name, lower(_at_sea(t.path, t.departures)), upper(_at_sea(t.path, t.departures)),
-           t.floor_m, t.ceiling_m, t.class, t.owner
+           t.floor_m, t.ceiling_m, t.class, t.owner, t.schedule
     FROM _seen_tracks(_scene_or_branch(p_scene)) t
     ORDER BY 1;
 END;
 COMMENT ON FUNCTION list_objects(text) IS
-'Areas and tracks of a scene, by key: when they are there, and their heights (metres above the vertical datum); null: '
-'unbounded. Raises ZC010 for an unknown scene.';
+'Areas and tracks of a scene, by key: when they are there, their heights (metres above the vertical datum), and their '
+'schedule as written; null: unbounded, or no schedule. Raises ZC010 for an unknown scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._refuse_taken(p_name text) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$

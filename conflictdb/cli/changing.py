@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from conflictdb.cli.parser import Parser
+from conflictdb.cli.parser import Parser, check
 from conflictdb.cli.values import bearing_deg, delay_s, metres, name
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ def changes(args: argparse.Namespace) -> "Callable[[StoredScene], list[Area | Tr
         for key, far, bearing in args.move or ()
     ]
     swaps = [(a, b) for a, b in args.swap or ()]
+    check(args, [(a == b, f"--swap needs two keys; got {a!r} twice") for a, b in swaps])
 
     def changed(scene: "StoredScene") -> "list[Area | Track]":
         # Imported here, so that usage errors are fast.

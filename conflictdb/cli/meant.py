@@ -38,7 +38,9 @@ def of_unknown_keys(db: "Database", args: argparse.Namespace) -> str:
     """Return a hint on the first key of a command that no object of its scene has; empty if all are known."""
     scene = getattr(args, "scene", None)
     given = [getattr(args, "key", None), *(getattr(args, "keys", None) or ()), *(getattr(args, "conflict", None) or ())]
-    given += [key for key, *_ in getattr(args, "late", None) or ()]
+    given += [key for option in ("late", "move") for key, *_ in getattr(args, option, None) or ()]
+    given += [key for pair in getattr(args, "swap", None) or () for key in pair]
+    given += getattr(args, "movable", None) or ()
     if scene is None or not any(given):
         return ""
     known = {one.key: one.name for one in db.scene(scene).objects()}

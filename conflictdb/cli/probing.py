@@ -107,11 +107,14 @@ def _print_changes(
     def was(one: Conflict) -> Conflict | None:
         return before.get((one.a_key, one.b_key))
 
+    def was_text(one: Conflict) -> str:
+        """Return the former times of a conflict; empty if its row shows them already."""
+        old = was(one)
+        is_gone = kinds[one.a_key, one.b_key] == "gone"
+        return "" if old is None or is_gone else span_text(old.first_contact, old.last_contact)
+
     former = MoreColumn(
-        "was",
-        lambda one: interval_text(old.periods) if (old := was(one)) else "",
-        lambda one: span_text(old.first_contact, old.last_contact) if (old := was(one)) else "",
-        is_last=True,
+        "was", lambda one: interval_text(old.periods) if (old := was(one)) else "", was_text, is_last=True
     )
     if form == "table" and not rows:
         remark_incomplete([state])

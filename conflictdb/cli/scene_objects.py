@@ -3,7 +3,8 @@
 import argparse
 import shlex
 from dataclasses import asdict
-from datetime import UTC
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, NamedTuple
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
@@ -11,8 +12,12 @@ from conflictdb.cli.output import as_called, binary, data, line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
+
+if TYPE_CHECKING:
+    from conflictdb.store.scenes import ObjectSummary
 
 # Ids that a remark lists.
 _MOST_NAMED = 10
@@ -105,18 +110,53 @@ def objects(args: argparse.Namespace) -> int:
     header = ["KEY", "KIND", "NAME", shown.header("FROM"), shown.header("TO"), "FLOOR M", "CEILING M"]
     ruled = [name for name in ("object_class", "owner") if any(getattr(one, name) for one in found)]
     header += [name.removeprefix("object_").upper() for name in ruled]
+    rules = [_rule(one) for one in found]
+    header += ["RULE"] if any(rule.text for rule in rules) else []
     lines = [
         [
             *(one.key, one.kind, one.name),
-            *(shown.moment(one.start_at, up=False), shown.moment(one.end_at, up=True)),
+            *(shown.moment(rule.start_at, up=False), shown.moment(rule.end_at, up=True)),
             *(None if height is None else f"{height:g}" for height in (one.floor_m, one.ceiling_m)),
             *(getattr(one, name) for name in ruled),
+            *([rule.text] if header[-1] == "RULE" else []),
         ]
-        for one in found
+        for one, rule in zip(found, rules, strict=True)
     ]
     empty = as_called(f"no objects: `conflictdb load FILE --scene {shlex.quote(args.scene)}` brings some")
     out(table(header, lines, right=header[5:7], whole=header[3:5]) if found else empty)
     return DONE
+
+
+class _Rule(NamedTuple):
+    """When an object is there, and the rule of its schedule in words, with the number of times, where known."""
+
+    start_at: datetime | None
+    end_at: datetime | None
+    text: str | None = None
+
+
+def _rule(one: "ObjectSummary") -> _Rule:
+    """Return the rule of an object; without a schedule only its times."""
+    if one.schedule is None:
+        return _Rule(one.start_at, one.end_at)
+    # Imported here, so that usage errors are fast.
+    from conflictdb.model.inputs import EPOCH, MICROSECOND
+    from conflictdb.model.schedules import schedule_of
+    from conflictdb.model.schedules.words import known_spans, schedule_text
+
+    ends = (None if at is None else (at - EPOCH) // MICROSECOND for at in (one.start_at, one.end_at))
+    try:
+        schedule = schedule_of(f"object {one.key!r}", one.schedule)
+        spans = known_spans(schedule, *ends)
+    except InvalidInput:
+        return _Rule(one.start_at, one.end_at, "not understood")
+    if spans is None or not len(spans):
+        return _Rule(one.start_at, one.end_at, schedule_text(schedule))
+    count = f"{len(spans):,} time{'' if len(spans) == 1 else 's'}"
+    text = f"{schedule_text(schedule)}, {count}"
+    if one.kind == "track":  # its voyages last on
+        return _Rule(one.start_at, one.end_at, text)
+    return _Rule(EPOCH + int(spans[0, 0]) * MICROSECOND, EPOCH + int(spans[-1, 1]) * MICROSECOND, text)
 
 
 def rename(args: argparse.Namespace) -> int:

@@ -22,6 +22,7 @@ class ObjectSummary:
 
     start_at, end_at : when it is there, UTC
     floor_m, ceiling_m : metres above mean sea level
+    schedule : as written, JSON; None: no schedule
     """
 
     key: str
@@ -33,6 +34,7 @@ class ObjectSummary:
     ceiling_m: float | None
     object_class: str | None
     owner: str | None
+    schedule: Any = None
 
 
 @dataclass(frozen=True, slots=True)

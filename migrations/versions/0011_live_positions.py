@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6a692e6f5379affa4d87b03587cfca575dd5bca6d5abd12b6718981df32ee9fb"
+routines_sha256 = "1e86adbd16d9a26a31ff4ae1887ffb9c36232730fed0f8d971d4ce47f8e7399d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -203,7 +203,7 @@ def test_14_and_15_clear_the_scene_and_undo_it(day: Run) -> None:
 def test_16_try_a_change_in_a_branch_compare_and_merge(day: Run, tmp_path: Path) -> None:
     assert day("branch", "create", "trial", "--scene", "skagerrak").code == 0
     file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
-    assert day("load", file, "--scene", "trial").code == 0
+    assert "trial: 0 added, 1 updated, 0 removed, 5 unchanged" in day("load", file, "--scene", "trial").out
     assert day("detect", "--scene", "trial").code == 0
     difference = day("branch", "diff", "trial", "--format", "json").json
     assert [one["key"] for one in difference["objects"]] == ["FERRY NORTH"]
@@ -298,6 +298,8 @@ def test_a_key_that_no_object_has_gets_a_hint(day: Run, monkeypatch: pytest.Monk
     for words, hint in (
         (["conflicts", "ferry nort"], "did you mean 'FERRY NORTH'?"),
         (["probe", "--late", "Loaded tanker", "20m"], "did you mean 'TANKER'?"),
+        (["probe", "--move", "Tankr", "2nmi", "270"], "did you mean 'TANKER'?"),
+        (["probe", "--swap", "TANKER", "Ferry norht"], "did you mean 'FERRY NORTH'?"),
         (["delays", "TANKR"], "did you mean 'TANKER'?"),
         (["conflicts", "day.geojson"], "detect FILE` loads it and detects"),
         (["delete", "skagerrak"], "'skagerrak' is a scene: --scene names it"),
@@ -306,6 +308,27 @@ def test_a_key_that_no_object_has_gets_a_hint(day: Run, monkeypatch: pytest.Monk
         done = day(*words)
         assert done.code == 4, words
         assert hint in done.err, words
+
+
+def test_one_plan_is_not_exchanged_with_itself(day: Run) -> None:
+    done = day("probe", "--swap", "TANKER", "TANKER")
+    assert done.code == 2
+    assert "--swap needs two keys; got 'TANKER' twice" in done.err
+
+
+def test_a_conflict_that_is_gone_shows_its_times_once(day: Run) -> None:
+    gone = day("probe", "--late", "TANKER", "5h", "--diff")
+    assert gone.out.count("06:28:54") == 1, gone.out
+
+
+def test_the_list_of_objects_shows_the_rule_of_a_weekly_area(run: Run) -> None:
+    """Not as if it was closed for four months; times are from the first to the last activation."""
+    run("load", TASKS / "firing.geojson")
+    listed = run("objects", "--scene", "firing").out
+    assert "Tue 08:00-16:00 Europe/Copenhagen except 2026-12-22, 21 times" in listed
+    assert "2026-11-03 07:00:00  2027-03-30 14:00:00" in listed
+    [row] = run("objects", "--scene", "firing", "--format", "json").json
+    assert row["schedule"]["days"] == ["TUE"]
 
 
 def test_files_of_several_scenes_are_not_compared_silently(run: Run) -> None:
