@@ -73,31 +73,55 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_live(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[],
     p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[],
     p_lat double precision[], p_height_m double precision[], p_error_m double precision[],
-    p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[]
+    p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[],
+    p_fastest_mps double precision[]
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO live_state AS l (scene_id, key, state, late_from_s, late_to_s, off_m, instant, place, height_m, error_m,
-                                 seen_from_s, seen_to_s, as_of, version)
+                                 seen_from_s, seen_to_s, as_of, version, fastest_mps)
         SELECT p_scene_id, u.key, u.state, u.late_from_s, u.late_to_s, u.off_m,
                timestamptz 'epoch' + u.instant_us * interval '1 microsecond',
                ST_SetSRID(ST_MakePoint(u.lon, u.lat), 4326), u.height_m, u.error_m, u.seen_from_s, u.seen_to_s,
-               timestamptz 'epoch' + p_as_of_us * interval '1 microsecond', u.version
+               timestamptz 'epoch' + p_as_of_us * interval '1 microsecond', u.version, u.fastest_mps
         FROM unnest(p_key, p_state, p_late_from_s, p_late_to_s, p_off_m, p_instant_us, p_lon, p_lat, p_height_m,
-                    p_error_m, p_seen_from_s, p_seen_to_s, p_version)
+                    p_error_m, p_seen_from_s, p_seen_to_s, p_version, p_fastest_mps)
              u (key, state, late_from_s, late_to_s, off_m, instant_us, lon, lat, height_m, error_m, seen_from_s,
-                seen_to_s, version)
+                seen_to_s, version, fastest_mps)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET state = excluded.state, late_from_s = excluded.late_from_s, late_to_s = excluded.late_to_s,
                 off_m = excluded.off_m, instant = excluded.instant, place = excluded.place,
                 height_m = excluded.height_m, error_m = excluded.error_m, seen_from_s = excluded.seen_from_s,
-                seen_to_s = excluded.seen_to_s, as_of = excluded.as_of, version = excluded.version;
+                seen_to_s = excluded.seen_to_s, as_of = excluded.as_of, version = excluded.version,
+                fastest_mps = excluded.fastest_mps;
 END
 $$;
 COMMENT ON FUNCTION _put_live(bigint, bigint, text[], text[], double precision[], double precision[],
                               double precision[], bigint[], double precision[], double precision[], double precision[],
-                              double precision[], double precision[], double precision[], bigint[]) IS
+                              double precision[], double precision[], double precision[], bigint[],
+                              double precision[]) IS
 'Stores states of tracks of a scene, one for each key, as a look found them.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._straying(
+    p_scene_id bigint, OUT key text, OUT is_off boolean, OUT low_us bigint, OUT high_us bigint, OUT instant_us bigint,
+    OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision,
+    OUT fastest_mps double precision, OUT class text, OUT owner text
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan AS $$
+#variable_conflict use_column
+BEGIN
+    RETURN QUERY
+        SELECT l.key, l.state = 'off', round(l.late_from_s * 1e6)::bigint, round(l.late_to_s * 1e6)::bigint,
+               (extract(epoch FROM l.instant) * 1000000)::bigint, ST_X(l.place), ST_Y(l.place), l.height_m, l.error_m,
+               coalesce(l.fastest_mps, 0), t.class, t.owner
+        FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
+        WHERE l.scene_id = p_scene_id AND l.state IN ('late', 'early', 'off', 'silent')
+          AND (l.state = 'off' OR l.late_from_s IS NOT NULL);
+END
+$$;
+COMMENT ON FUNCTION _straying(bigint) IS
+'Tracks of a scene that do not keep their plans: those off with their last positions, and those late, early or silent '
+'with their latenesses, microseconds.';
 
 CREATE OR REPLACE VIEW live WITH (security_invoker = true) AS
 SELECT s.name AS scene, l.key, l.state, l.late_from_s, l.late_to_s, l.off_m, l.instant, l.place, l.height_m, l.error_m,
@@ -167,4 +191,5 @@ COMMENT ON COLUMN live_state.seen_from_s IS
 'Least lateness at the last position that the haven contained; null: none yet.';
 COMMENT ON COLUMN live_state.seen_to_s IS 'Greatest lateness there; null: none yet.';
 COMMENT ON COLUMN live_state.version IS 'Version of the track that it was compared with.';
+COMMENT ON COLUMN live_state.fastest_mps IS 'How fast the track may be, metres per second; null: unknown.';
 COMMENT ON COLUMN live_state.as_of IS 'When the look was.';

@@ -147,14 +147,17 @@ class Looks:
         now_us: int,
     ) -> None:
         """Store states, and what follows from those whose lateness is another than before."""
-        store.put_live(conn, scene_id, now_us, states, {key: known.cut[tracks[key]].version for key in states})
+        cut = {key: known.cut[tracks[key]] for key in states}
+        versions = {key: one.version for key, one in cut.items()}
+        fastest_mps = {key: one.plan.fastest_mps for key, one in cut.items()}
+        store.put_live(conn, scene_id, now_us, states, versions, fastest_mps)
         changed = {
             key: state
             for key, state in states.items()
             if not (state.is_as_planned and key in former and former[key].is_as_planned)
         }
         if changed:
-            follow(conn, scene_id, known.settings, changed, lambda key: known.cut[tracks[key]].plan, now_us)
+            follow(conn, scene_id, known.settings, changed, now_us)
 
     def _cut(self, conn: psycopg.Connection[Any], scene_id: int, versions: dict[int, int]) -> _SceneLooks:
         """Return the plans of a scene that are cut, some tracks in these versions among them, unless they are gone."""

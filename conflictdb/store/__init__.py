@@ -96,6 +96,7 @@ if TYPE_CHECKING:
         Heard,
         LiveConflict,
         LiveTrack,
+        Straying,
         Unheard,
         end_alarms,
         following,
@@ -110,6 +111,7 @@ if TYPE_CHECKING:
         put_live,
         replanned,
         silent_after_s,
+        straying,
         unheard,
         unknown_tracks,
     )

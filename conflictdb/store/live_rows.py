@@ -92,6 +92,23 @@ class Alarm(NamedTuple):
     lonlat: tuple[float, float] | None = None
 
 
+class Straying(NamedTuple):
+    """A track that does not keep its plan: it is off, with its last position, or has a lateness in microseconds."""
+
+    key: str
+    is_off: bool
+    low_us: int | None
+    high_us: int | None
+    at_us: int
+    lon: float
+    lat: float
+    height_m: float | None
+    error_m: float
+    fastest_mps: float
+    class_: str | None
+    owner: str | None
+
+
 class Unheard(NamedTuple):
     """A track under way that is silent."""
 
@@ -128,9 +145,14 @@ def live_states(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str
 
 
 def put_live(
-    conn: psycopg.Connection[Any], scene_id: int, as_of_us: int, states: dict[str, Kept], versions: Mapping[str, int]
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    as_of_us: int,
+    states: dict[str, Kept],
+    versions: Mapping[str, int],
+    fastest_mps: Mapping[str, float],
 ) -> None:
-    """Store the states of some keys at an instant, and the versions of the tracks that they are of."""
+    """Store the states of some keys at an instant, and the versions and speeds of the tracks that they are of."""
     every = list(states.values())
     late = [one.late_us or (None, None) for one in every]
     seen = [one.seen_us or (None, None) for one in every]
@@ -152,6 +174,7 @@ def put_live(
         _numbers([_seconds(low) for low, _ in seen]),
         _numbers([_seconds(high) for _, high in seen]),
         [versions[key] for key in states],
+        _numbers([fastest_mps[key] for key in states]),
     )
 
 
@@ -180,6 +203,11 @@ def unknown_tracks(conn: psycopg.Connection[Any], scene: str, keys: Sequence[str
 def following(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> list[Following]:
     """Return what the latenesses of some tracks come to, for each pair that stored differences know."""
     return [Following(*row) for row in call_many(conn, "_follow", scene_id, list(keys))]
+
+
+def straying(conn: psycopg.Connection[Any], scene_id: int) -> list[Straying]:
+    """Return the tracks of a scene that do not keep their plans."""
+    return [Straying(*row) for row in call_many(conn, "_straying", scene_id)]
 
 
 def open_alarms(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> dict[tuple[str, str], Alarm]:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1e86adbd16d9a26a31ff4ae1887ffb9c36232730fed0f8d971d4ce47f8e7399d"
+routines_sha256 = "f7b57f905b233fe2d43e18e0992ade3da97def4cb4397a4a5d47db36765b3d03"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -63,12 +63,19 @@ CREATE TABLE IF NOT EXISTS conflictdb.live_state (
     slack_s double precision,
     as_of timestamptz NOT NULL,
     version bigint NOT NULL,
+    fastest_mps double precision,
     CONSTRAINT live_state_pkey PRIMARY KEY (scene_id, key),
     CONSTRAINT live_state_known CHECK (
         state IN ('on plan', 'late', 'early', 'off', 'silent', 'past its end', 'not yet under way')
     ),
     CONSTRAINT live_state_late_ordered CHECK (late_from_s <= late_to_s AND seen_from_s <= seen_to_s)
 )
+"""
+
+# Few tracks stray, of many.
+LIVE_STATE_STRAYING = """
+CREATE INDEX IF NOT EXISTS live_state_straying_btree ON conflictdb.live_state (scene_id)
+    WHERE state IN ('late', 'early', 'off', 'silent')
 """
 
 # No foreign key to objects: what follows for a removed one ends at the next look.
@@ -103,6 +110,7 @@ STATEMENTS: tuple[str, ...] = (
     *POSITION_INDEXES,
     POSITION_LOOK,
     LIVE_STATE,
+    LIVE_STATE_STRAYING,
     LIVE_CONFLICT,
     LIVE_CONFLICT_OTHER,
 )

@@ -104,6 +104,56 @@ def test_a_ship_off_its_plan_may_meet_what_it_can_reach(conn: Conn) -> None:
     assert "A" not in {key for key, other in look(conn, 26) if other is None}
 
 
+@pytest.mark.parametrize("late_min", [0, 15])
+def test_a_ship_off_its_plan_may_meet_one_that_is_late(conn: Conn, late_min: int) -> None:
+    """B passed as planned 15 minutes ago and is out of reach; 15 minutes late it comes near in a few minutes."""
+    detected(conn, [crossing("A", 0, north=False), crossing("B", -15, north=True)], delays_within_s=3600)
+    put(conn, "B", 29, 0.5, -0.5 + (44 - late_min) / 60)
+    put(conn, "A", 30, 0.52, 0.05)
+    found = look(conn, 30)
+    assert (("A", "B") in found) is (late_min == 15)
+    if late_min:
+        verdict, reason, first, *_ = found["A", "B"]
+        assert (verdict, reason) == ("may", "off its plan: it may be anywhere that it can reach")
+        assert abs((first - BEGAN).total_seconds() - 31.5 * 60) < 120
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_ships_off_their_plans_may_meet_each_other(conn: Conn, together: bool) -> None:
+    """Not where they are planned to be, but where they are; in one look or in two."""
+    detected(conn, [crossing("A", 0, north=False), crossing("C", -10, north=False)], delays_within_s=3600)
+    put(conn, "A", 29, 0.3, 0.2)
+    if not together:
+        look(conn, 29)
+    put(conn, "C", 29.5, 0.32, 0.2)
+    found = look(conn, 29.6)
+    assert found["A", "C"][:2] == ("may", "off its plan: it may be anywhere that it can reach")
+
+
+def test_a_look_has_as_many_statements_for_many_that_are_off_as_for_two(
+    conn: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plans = [crossing(f"P{n}", n, north=False) for n in range(24)]
+    detected(conn, plans, delays_within_s=3600)
+    counted = []
+    whole = psycopg.Cursor.execute
+
+    def execute(self: Any, *arguments: Any, **given: Any) -> Any:
+        counted[-1] += 1
+        return whole(self, *arguments, **given)
+
+    # The first two warm up what is prepared once.
+    for some in (plans[:2], plans[2:4], plans[4:]):
+        for track in some:
+            put(conn, track.key, 30, 0.1, 0.2 + 0.01 * int(track.key[1:]))
+        conn.commit()
+        counted.append(0)
+        with monkeypatch.context() as patched:
+            patched.setattr(psycopg.Cursor, "execute", execute)
+            Looks().look(conn, us(30), is_silence_due=False)
+    assert counted[2] == counted[1] <= 20
+
+
 def test_an_alarm_of_a_track_that_is_off_does_not_end_by_looks_at_the_other(conn: Conn) -> None:
     """A is off its plan near B; then B, which is late, reports."""
     detected(conn, [crossing("A", 0, north=False), crossing("B", 0, north=True)], delays_within_s=3600)
