@@ -23,7 +23,8 @@ def test_promised_names_are_there(conn: psycopg.Connection) -> None:
         kind: {name for (name,) in conn.execute(query).fetchall()}
         for kind, query in {
             "Views": "SELECT viewname FROM pg_views WHERE schemaname = 'conflictdb'",
-            "Tables": "SELECT tablename FROM pg_tables WHERE schemaname = 'conflictdb'",
+            "Tables": "SELECT tablename FROM pg_tables WHERE schemaname = 'conflictdb' UNION SELECT attname "
+            "FROM pg_attribute WHERE attrelid = 'conflictdb.position'::regclass AND attnum > 0 AND NOT attisdropped",
             "Routines": "SELECT proname FROM pg_proc WHERE pronamespace = 'conflictdb'::regnamespace",
             "Roles": "SELECT rolname FROM pg_roles",
         }.items()
