@@ -83,6 +83,29 @@ COMMENT ON FUNCTION _map_areas(text) IS
 'whole span), bounding box (degrees, not wrapped) and, if its middle is '
 'outside the area, a point inside.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_live(p_scene text) RETURNS text
+LANGUAGE sql STABLE CALLED ON NULL INPUT
+BEGIN ATOMIC
+    -- A branch has no positions.
+    SELECT json_build_object(
+        'tracks', (SELECT coalesce(json_agg(json_build_object(
+                              'key', l.key, 'state', l.state, 'late_from_s', l.late_from_s, 'late_to_s', l.late_to_s,
+                              'off_m', l.off_m, 't', extract(epoch FROM l.instant), 'lon', ST_X(l.place),
+                              'lat', ST_Y(l.place)) ORDER BY l.key), '[]')
+                   FROM live_state l WHERE l.scene_id = s.scene_id),
+        'alarms', (SELECT coalesce(json_agg(json_build_object(
+                              'alarm_id', c.alarm_id, 'key', c.key, 'other_key', nullif(c.other_key, ''),
+                              'verdict', c.verdict, 'reason', c.reason, 'first', extract(epoch FROM c.first_contact),
+                              'lon', ST_X(c.place), 'lat', ST_Y(c.place), 'acknowledged_by', c.acknowledged_by)
+                              ORDER BY c.acknowledged_by IS NOT NULL, c.verdict = 'may', c.first_contact, c.key),
+                              '[]')
+                   FROM live_conflict c WHERE c.scene_id = s.scene_id))::text
+    FROM (SELECT _scene_or_branch(p_scene) AS scene_id) s;
+END;
+COMMENT ON FUNCTION _map_live(text) IS
+'JSON of the tracks of a scene with positions and of its alarms, as in the views live and live_conflicts; times in '
+'Unix seconds. Alarms that are acknowledged, and those that are only possible, come last.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._map_overview(p_scene text) RETURNS bytea
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC

@@ -155,8 +155,10 @@ def _alarm_text(alarm: "LiveConflict", states: "Mapping[str, LiveTrack]", shown:
     if alarm.other_key is None:
         return f"{first}: may meet anything near ({alarm.reason})"
     other = _named(alarm.other_key, states)
-    at = "" if alarm.first_contact is None else f" at {shown.moment(alarm.first_contact, up=False)}"
-    verb = {"must": "meets", "may": "may meet", "now": "meets now"}[alarm.verdict]
+    verb, when = {"must": ("meets", "at"), "may": ("may meet", "at"), "now": ("is in conflict with", "since")}[
+        alarm.verdict
+    ]
+    at = "" if alarm.first_contact is None else f" {when} {shown.moment(alarm.first_contact, up=False)}"
     return f"{first}: {verb} {other}{at} ({alarm.reason or 'slack used up'})"
 
 

@@ -162,6 +162,11 @@ class Answers:
         with self.connections.one() as connection:
             return _json(content.depths(connection, self._name(request)))
 
+    def live(self, request: Request) -> Response:
+        """Return how tracks keep their plans by their positions, and the conflicts that follow."""
+        with self.connections.one() as connection:
+            return Response(store.map_live(connection, self._name(request)), media_type="application/json")
+
     def areas(self, request: Request) -> Response:
         """Return all areas without their shapes, which are in tiles."""
         with self.connections.one() as connection:
@@ -318,6 +323,7 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/known", answers.known),
             Route("/api/conflicts", answers.conflicts),
             Route("/api/areas", answers.areas),
+            Route("/api/live", answers.live),
             Route("/api/depths", answers.depths),
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),

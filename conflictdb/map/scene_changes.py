@@ -27,10 +27,11 @@ _SILENT_S: Final = 15.0
 
 OBJECTS: Final = "objects"
 CONFLICTS: Final = "conflicts"
+LIVE: Final = "live"
 
 
 class SceneChanges:
-    """Sends each subscriber the kind of change of a scene: OBJECTS, CONFLICTS. A `Listener` hears of them.
+    """Sends each subscriber the kind of change of a scene: OBJECTS, CONFLICTS, LIVE. A `Listener` hears of them.
 
     version : grows with each change; data read before it are out of date. No two objects have one
     """
@@ -95,7 +96,8 @@ class SceneChanges:
             self._loop.call_soon_threadsafe(self._send, what)
 
     def _send(self, what: str) -> None:
-        self.version += 1
+        # An alarm changes no plan and no conflict: tiles stay as they are.
+        self.version += what != LIVE
         for queue in self._subscribers:
             queue.put_nowait(what)
 
@@ -116,8 +118,11 @@ class SceneChanges:
         if self._is_seen != was_seen:
             self.publish(OBJECTS)
         elif said and self._is_seen:
+            if LIVE in said:
+                self.publish(LIVE)
             # The page requests new objects together with their conflicts.
-            self.publish(OBJECTS if OBJECTS in said else CONFLICTS)
+            if said - {LIVE}:
+                self.publish(OBJECTS if OBJECTS in said else CONFLICTS)
 
     def miss(self, connection: psycopg.Connection[Any]) -> None:
         """Publish that changes may have been missed, unless the user saw nothing and sees nothing."""
@@ -146,6 +151,8 @@ class SceneChanges:
         # If scenes are protected, the notification of a run names none. If writers do not notify, objects changed
         # before the run. A branch shows the conflicts of its parent, too.
         concerns = run.get("scene") in (self.scene, self._parent, None)
+        if "alarm" in run:
+            return LIVE if concerns else None
         return (CONFLICTS if writers_notify else OBJECTS) if concerns else None
 
 

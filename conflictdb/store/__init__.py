@@ -122,6 +122,7 @@ if TYPE_CHECKING:
         hear_changes,
         map_areas,
         map_conflicts,
+        map_live,
         map_overview,
         map_shapes,
         map_tracks,

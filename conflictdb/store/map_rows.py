@@ -11,8 +11,10 @@ from conflictdb.errors import NotPermitted
 from conflictdb.store.connection import call, call_many, transaction, translated
 
 # Every change of the data that a page shows notifies one of these channels (sql/14_marks.sql, 60_write_back.sql,
-# 69_acknowledge.sql).
-_CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_acknowledgement", "conflictdb_request")
+# 69_acknowledge.sql, 74_live_conflicts.sql).
+_CHANNELS: Final = (
+    "conflictdb", "conflictdb_event", "conflictdb_acknowledgement", "conflictdb_request", "conflictdb_alarm"
+)  # fmt: skip
 
 TILES: Final = ("areas", "tracks", "conflicts")
 
@@ -28,6 +30,12 @@ def map_areas(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]
     """Return the areas of a scene as routine _map_areas returns them; InvalidInput if the scene does not exist."""
     with transaction(conn):
         return call_many(conn, "_map_areas", scene)
+
+
+def map_live(conn: psycopg.Connection[Any], scene: str) -> str:
+    """Return states and alarms of tracks with positions as routine _map_live writes them; errors as `map_areas`."""
+    with transaction(conn):
+        return str(call(conn, "_map_live", scene)[0])
 
 
 def map_overview(conn: psycopg.Connection[Any], scene: str) -> bytes:

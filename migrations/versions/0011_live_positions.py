@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f7b57f905b233fe2d43e18e0992ade3da97def4cb4397a4a5d47db36765b3d03"
+routines_sha256 = "7a83c7b9d7313a48effb507cc641f91573435de36e8da020575fcae7200ce38d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -38,7 +38,7 @@ from conflictdb.cli import pictures
 from conflictdb.errors import ConflictDBError
 from conflictdb.map import serve
 from conflictdb.map.guard import local_hosts
-from conflictdb.map.scene_changes import CONFLICTS, OBJECTS, Listener, SceneChanges
+from conflictdb.map.scene_changes import CONFLICTS, LIVE, OBJECTS, Listener, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer
 from conflictdb.map.views import MOST_VIEWS
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene
@@ -60,6 +60,7 @@ READS += [
     "/api/pieces?key=FERRY&within_s=3600",
     "/api/plan?key=CABLE",
     "/api/owners?key=FERRY",
+    "/api/live",
     "/page/kernel.wasm",
     "/tiles/areas/0/0/0",
     "/land/50m",
@@ -437,6 +438,25 @@ def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
     changes = SceneChanges("s")
     assert changes._meaning("[" * 7_900, writers_notify=True) is None
     assert changes._meaning('{"scene": "s"}', writers_notify=True) == CONFLICTS
+
+
+def test_an_alarm_changes_no_tile() -> None:
+    """The page reads states again, and keeps its tiles, whose addresses have the version."""
+    changes = SceneChanges("s")
+    assert changes._meaning('{"scene": "s", "kind": "begun", "alarm": 7}', writers_notify=True) == LIVE
+    assert changes._meaning('{"scene": "other", "kind": "begun", "alarm": 7}', writers_notify=True) is None
+    before = changes.version
+    changes._send(LIVE)
+    assert changes.version == before
+    changes._send(CONFLICTS)
+    assert changes.version == before + 1
+
+
+def test_states_of_no_scene_and_of_a_branch(strait: Client, dsn: str) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.scene("strait").branch("trial")
+    assert strait.read("/api/live?scene=trial") == {"tracks": [], "alarms": []}
+    assert strait.ask("GET", "/api/live?scene=gone")[0] == 410
 
 
 def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:

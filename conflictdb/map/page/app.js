@@ -13,11 +13,12 @@ import { EmbeddedSource } from "./embedded.js";
 import { FilterChips } from "./filter_chips.js";
 import { Finder } from "./find.js";
 import { Focus } from "./focus.js";
-import { about, clock, counted, day, grouped, instantOf, printable, written, zone } from "./format.js";
+import { about, clock, counted, day, grouped, instantOf, labelOf, printable, written, zone } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { LAYERS } from "./heights.js";
 import { List } from "./list.js";
+import { Live } from "./live.js";
 import { MapView } from "./map.js";
 import { formerConflicts, MERCATOR_END, Model, worstFirst } from "./model.js";
 import { ObjectCard } from "./object_card.js";
@@ -119,6 +120,10 @@ class Page {
     this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
+    this.live = this.source.isLive ? new Live(byId("live"), this.source, {
+      changed: (tracks) => this.showShips(tracks), alarm: (alarm) => this.goToAlarm(alarm), newest: (t) => { this.player.pause(); this.moveTo(t); },
+      label: (key) => labelOf(this.state.model.objects.get(key) ?? { key }),
+    }) : null;
     this.scenes = this.source.isLive ? new Scenes(this.source, { open: (name) => this.goToScene(name), compare: (choice) => this.compare(choice) }) : null;
     this.address = new Address(() => this.shown(), (asked) => this.show(asked));
     // Made when the scene is read: view, havens, polar.
@@ -152,7 +157,8 @@ class Page {
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
     if (source.isLive) {
       if (!this.scenes.shown) this.scenes.read(model.scene.scene);
-      source.watch(state.version, (what) => this.changed(what), (isHeard) => {
+      this.live.read();
+      source.watch(state.version, (what) => (what === "live" ? this.live.read() : this.changed(what)), (isHeard) => {
         if (isHeard) this.describe();
         else tell("The server does not answer; trying again.", true);
       });
@@ -323,6 +329,7 @@ class Page {
     this.select(null);
     this.brief.takeAgain(state.model);
     this.table.show(false);
+    this.live?.forget();
     this.draw("objects");
     this.view.reveal(false);
     this.describe();
@@ -633,6 +640,25 @@ class Page {
     this.goToBox(around(ring), OBJECT_ZOOM);
   }
 
+  // Last positions on the map, by the key of their track.
+  showShips(tracks) {
+    byId("ships").hidden = tracks.size === 0;
+    this.havens.live = tracks;
+    this.havens.draw();
+  }
+
+  // Where and when a conflict would be that follows from lateness; else where the ship is.
+  goToAlarm({ key, first, lon, lat }) {
+    const ship = this.live.tracks.get(key);
+    const places = [...(lon === null ? [] : [[lon, lat]]), ...(ship ? [[ship.lon, ship.lat]] : [])];
+    this.player.pause();
+    if (this.state.chosen) this.unchoose();
+    if (this.state.model.objects.has(key)) this.select(key);
+    if (first !== null) this.moveTo(first);
+    else if (ship) this.moveTo(ship.t);
+    if (places.length) this.goToBox(around(places), OBJECT_ZOOM);
+  }
+
   goToPlace([lon, lat], zoom) {
     this.address.flush();
     byId("words").value = "";
@@ -895,6 +921,7 @@ class Page {
     this.graticule.redraw();
     this.describe();
     this.scenes?.relabel();
+    this.live?.draw();
     if (state.chosen) this.showDetail();
     this.showCard();
     this.chips.shown = "";

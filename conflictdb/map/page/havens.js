@@ -2,12 +2,14 @@
 
 import { labelOf, moment } from "./format.js";
 import { writeNames } from "./labels.js";
+import { stateText } from "./live.js";
 import { isThere, nextStart } from "./model.js";
 import { Motion } from "./motion.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
 const DOT_PX = 3; // a haven that is smaller is a dot
+const SHIP_PX = 5; // of half a mark of a last position
 const MOST_NAMES = 80; // more would cover the map
 const NEAR_PX = 8; // how near a click must be
 const MOST_PARTS = 128; // of which a leg is drawn
@@ -39,6 +41,7 @@ export class Havens {
     this.plan = null; // of a track that departs later, { key, laterUs }
     this.focus = null; // of the pair that is chosen (focus.js)
     this.isStill = false; // while it is printed
+    this.live = new Map(); // how tracks keep their plans, by key (live.js)
     this.marks = { hidden: new Set(), inConflict: new Set(), pair: [], isChosen: false };
     view.map.on("render", () => this.draw());
   }
@@ -121,7 +124,42 @@ export class Havens {
       this.drawAll(some, frame, kind);
     }
     if (this.plan) this.drawPlan(frame);
+    this.drawShips(frame);
     this.drawNames(frame, this.focus?.draw(context, frame, this.t) ?? []);
+  }
+
+  // Last positions, each with a line to where its track was planned then.
+  drawShips(frame) {
+    if (this.live.size === 0) return;
+    const { context } = this;
+    const middle = frame.left + frame.width / frame.size / 2;
+    const across = ([x, y]) => [(x + Math.round(middle - x) - frame.left) * frame.size, (y - frame.top) * frame.size];
+    for (const track of this.tracks) {
+      const ship = this.live.get(track.key);
+      if (!ship || this.marks.hidden.has(track.key)) continue;
+      const [x, y] = across([mercatorX(ship.lon), mercatorY(ship.lat)]);
+      if (!(x > -SHIP_PX && y > -SHIP_PX && x < frame.width + SHIP_PX && y < frame.height + SHIP_PX)) continue;
+      context.strokeStyle = context.fillStyle = colour(ship.state === "on plan" ? "haven" : "conflict-ink");
+      context.lineWidth = 1.5;
+      const [planned] = this.places([track], ship.t, 1 / frame.size);
+      if (planned) {
+        const [px, py] = across(planned[1]);
+        context.setLineDash([2, 3]);
+        context.beginPath();
+        context.moveTo(x, y);
+        context.lineTo(px, py);
+        context.stroke();
+        context.setLineDash([]);
+      }
+      context.beginPath();
+      context.moveTo(x, y - SHIP_PX);
+      context.lineTo(x + SHIP_PX, y);
+      context.lineTo(x, y + SHIP_PX);
+      context.lineTo(x - SHIP_PX, y);
+      context.closePath();
+      if (ship.state !== "silent") context.fill();
+      context.stroke();
+    }
   }
 
   // The path of a moved plan and its haven, dashed.
@@ -216,8 +254,12 @@ export class Havens {
     const { context, marks, t } = this;
     const kind = (object) => (object.kind === "area" && !isThere(object, t) && !marks.pair.includes(object.key) ? "inactive" : kindOf(object.key, marks));
     const rank = (object) => RANKS[kind(object)];
-    // Of an area that is not active: from when on it is.
-    const text = (object) => (object.kind === "track" || isThere(object, t) ? labelOf(object) : `${labelOf(object)}, ${whenActive(object, t)}`);
+    // Of an area that is not active: from when on it is; of a track with positions: how it keeps its plan.
+    const text = (object) => {
+      if (object.kind === "area") return isThere(object, t) ? labelOf(object) : `${labelOf(object)}, ${whenActive(object, t)}`;
+      const ship = this.live.get(object.key);
+      return ship && ship.state !== "on plan" ? `${labelOf(object)}, ${stateText(ship)}` : labelOf(object);
+    };
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y, reach: Math.min(reachPx, 60) }));
     for (const area of this.areas) {
       if (marks.hidden.has(area.key)) continue;

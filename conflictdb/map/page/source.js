@@ -83,6 +83,11 @@ export class ServerSource {
     return (await answered(fetch(this.at("api/depths")))).json();
   }
 
+  // How tracks keep their plans, and the conflicts that follow: { tracks: [{ key, state, t, lon, lat, … }], alarms: [{ alarm_id, key, … }] }.
+  async live() {
+    return (await answered(fetch(this.at("api/live")))).json();
+  }
+
   async areas() {
     return (await answered(requested(this.at("api/areas")))).json();
   }
@@ -212,7 +217,7 @@ export class ServerSource {
     return this.at(`${root()}tiles/${kind}/{z}/{x}/{y}`, { v: version });
   }
 
-  // Calls `told` with "objects" or "conflicts" when these changed since a version, and `state` with whether changes are heard of, when that changes.
+  // Calls `told` with "objects" or "conflicts" when these changed since a version, with "live" when an alarm begins or ends, and `state` with whether changes are heard of, when that changes.
   watch(version, told, state) {
     const events = new EventSource(this.at("api/events", { version }));
     let wasLost = false;
@@ -226,6 +231,6 @@ export class ServerSource {
       state(false);
       wasLost = true;
     });
-    for (const what of ["objects", "conflicts"]) events.addEventListener(what, () => { if (!this.isLeft) told(what); });
+    for (const what of ["objects", "conflicts", "live"]) events.addEventListener(what, () => { if (!this.isLeft) told(what); });
   }
 }
