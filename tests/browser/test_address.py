@@ -91,6 +91,16 @@ def test_units_and_times_are_chosen_and_kept_in_the_address(open_strait: Open) -
     expect(page.get_by_label("From (UTC)")).to_have_value("2026-06-01 09:47:00")
 
 
+def test_the_list_dates_conflicts_by_days_of_the_zone(open_strait: Open) -> None:
+    """Midnight in Anchorage is between two conflicts of one day in UTC."""
+    page = open_strait((1280, 900))
+    when = page.locator(".row .when")
+    expect(when.first).to_have_text(re.compile(r"^\d\d:\d\d:\d\d$"))
+    page.evaluate("location.hash = '#zone=America/Anchorage'")
+    expect(when.first).to_have_text("1 Jun 01:45:43")
+    expect(when.nth(1)).to_have_text("31 May 23:41:56")
+
+
 @pytest.mark.parametrize(
     "hash_",
     [

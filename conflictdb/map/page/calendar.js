@@ -1,6 +1,6 @@
 // Ticks of a time axis at steps of the calendar, in the zone that is chosen: seconds to hours, days, weeks, months and years.
 
-import { offsetAt } from "./display.js";
+import { instantAt, offsetAt } from "./display.js";
 import { clock, day } from "./format.js";
 
 const [MINUTE, HOUR, DAY] = [60, 3600, 86400];
@@ -19,9 +19,6 @@ const utc = (year, month) => {
   date.setUTCFullYear(year, month, 1);
   return date.getTime() / 1000;
 };
-
-// The instant at which clocks of the zone show what those of UTC do at another one.
-const instantAt = (there) => there - offsetAt(there - offsetAt(there));
 
 // Ticks between two instants, at most about so many: [{ t, text }].
 export function ticks([from, to], most) {

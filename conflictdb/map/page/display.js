@@ -52,6 +52,9 @@ export function offsetAt(t) {
   return known.get(quarter);
 }
 
+// The instant at which clocks of the zone show what those of UTC show at another instant.
+export const instantAt = (there) => there - offsetAt(there - offsetAt(there));
+
 // "UTC", or what it is there at an instant: "UTC+1", "UTC-3:30".
 export function zoneAt(t) {
   const offset = offsetAt(t);

@@ -1,6 +1,6 @@
 // Instants (Unix seconds), lengths and places as people read them: in the units and the time zone that are chosen.
 
-import { display, offsetAt, zoneAt } from "./display.js";
+import { display, instantAt, offsetAt, zoneAt } from "./display.js";
 
 const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 
@@ -64,7 +64,7 @@ export function instantOf(text, isUtc = false) {
   if (!isThere) return null;
   const t = at.getTime() / 1000;
   if (isUtc || found[7]) return t;
-  const there = t - offsetAt(t - offsetAt(t));
+  const there = instantAt(t);
   return there + offsetAt(there) === t ? there : null; // clocks leave out an hour in spring
 }
 

@@ -1,7 +1,7 @@
 // The list of conflicts, the worst first. Only rows in view are elements: there may be tens of thousands.
 
 import { byId, element } from "./dom.js";
-import { bound, clock, duration, grouped, moment, period, printable } from "./format.js";
+import { bound, clock, day, duration, grouped, moment, period, printable } from "./format.js";
 import { areNamed, fittedPair, namesOf } from "./pair_names.js";
 import { missingText } from "./missing.js";
 import { lasting } from "./model.js";
@@ -49,7 +49,7 @@ export class List {
     this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
     this.conflicts = conflicts;
-    const dayOf = ({ start }) => Math.floor(start / 86400);
+    const dayOf = ({ start }) => day(start);
     const dated = conflicts.filter(({ start }) => Number.isFinite(start));
     this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
     this.rows.classList.toggle("dated", this.several); // a date is long: names have the first line
