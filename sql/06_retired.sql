@@ -18,6 +18,9 @@ DECLARE
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_vertical_separation_m, p_time_separation_s, p_delays_within_s, '
         'p_intervals, p_horizon_days)',
+        'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat, p_vertical_separation_m, p_time_separation_s, p_delays_within_s, '
+        'p_intervals, p_horizon_days, p_vertical_datum)',
         'delays_of(p_scene, p_key, p_horizon, p_now, key, least_later_s, least_earlier_s, blocked_by, forbidden, '
         'waits, has_departed, earliest_s, latest_s)',
         'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',

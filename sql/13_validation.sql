@@ -765,6 +765,10 @@ BEGIN
         FOUND := _raise('ZC009', v_who, 'vertical_datum', format('must be one of msl, wgs84, flight_level; got %L',
                         NEW.vertical_datum), 'scene_vertical_datum_known');
     END IF;
+    IF (NEW.regions IN ('on', 'off')) IS NOT TRUE THEN
+        FOUND := _raise('ZC009', v_who, 'regions', format('must be one of on, off; got %L', NEW.regions),
+                        'scene_regions_known');
+    END IF;
     IF TG_OP = 'UPDATE' AND NEW.vertical_datum <> OLD.vertical_datum
        AND (EXISTS (SELECT FROM area a WHERE a.scene_id = NEW.scene_id AND num_nonnulls(a.floor_m, a.ceiling_m) > 0)
             OR EXISTS (SELECT FROM track t

@@ -84,7 +84,8 @@ CREATE OR REPLACE FUNCTION create_scene(
     p_nearest_m double precision DEFAULT NULL, p_centre_lon double precision DEFAULT NULL,
     p_centre_lat double precision DEFAULT NULL, p_vertical_separation_m double precision DEFAULT NULL,
     p_time_separation_s double precision DEFAULT NULL, p_delays_within_s double precision DEFAULT NULL,
-    p_intervals text DEFAULT NULL, p_horizon_days double precision DEFAULT NULL, p_vertical_datum text DEFAULT NULL
+    p_intervals text DEFAULT NULL, p_horizon_days double precision DEFAULT NULL, p_vertical_datum text DEFAULT NULL,
+    p_regions text DEFAULT NULL
 ) RETURNS bigint
 -- With extra_float_digits, numbers keep all digits.
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
@@ -94,16 +95,17 @@ BEGIN
         'separation_m', p_separation_m, 'nearest_m', p_nearest_m, 'centre_lon', p_centre_lon,
         'centre_lat', p_centre_lat, 'vertical_separation_m', p_vertical_separation_m,
         'time_separation_s', p_time_separation_s, 'delays_within_s', p_delays_within_s,
-        'intervals', p_intervals, 'horizon_days', p_horizon_days, 'vertical_datum', p_vertical_datum));
+        'intervals', p_intervals, 'horizon_days', p_horizon_days, 'vertical_datum', p_vertical_datum,
+        'regions', p_regions));
 END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
                                  double precision, double precision, double precision, double precision,
-                                 double precision, text, double precision, text) IS
+                                 double precision, text, double precision, text, text) IS
 'Creates a scene, or changes the given settings of an existing one; returns its id. Defaults of a new scene: motion '
 'rhumb, earth wgs84 (great_circle: sphere), method exact, tolerance 1 m, separation 0 m, nearest 0 m (none), '
 'vertical separation 0 m, separation in time 0 s, delays within 0 s (none stored), intervals '
-'half_open, schedules expanded 366 days ahead, vertical datum msl. Default centre (degrees) of a '
+'half_open, schedules expanded 366 days ahead, vertical datum msl, regions on. Default centre (degrees) of a '
 'great_circle scene: the middle of its first object.';
 
 CREATE OR REPLACE FUNCTION put_area(

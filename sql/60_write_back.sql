@@ -353,6 +353,7 @@ DECLARE
     v_scene_name text;
     v_plane text;
     v_has_delays boolean;
+    v_has_regions boolean := p_run #>> '{settings,regions}' IS DISTINCT FROM 'off';
     v_is_first boolean;
     v_marks bigint;
     v_at timestamptz;
@@ -467,7 +468,7 @@ WITH member AS MATERIALIZED (
             RETURNING conflict_event_id
     ), located AS NOT MATERIALIZED (
         -- In the order of keys, so that the order of vertices is reproducible.
-        SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' THEN
+        SELECT o.*, CASE WHEN o.region IS NULL AND o.verdict <> 'near' AND v_has_regions THEN
                         _covering(_conflict_region(p_scene_id, o.a_kind, o.a_id, o.a_version, o.b_kind, o.b_id,
                                                    o.b_version, o.periods, v_plane), o.first_contact_point)
                     ELSE o.region END AS known_region

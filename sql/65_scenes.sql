@@ -64,7 +64,8 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
        s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
        lower(_expanded(s.scene_id)) AS expanded_from, upper(_expanded(s.scene_id)) AS expanded_until,
-       p.name AS branch_of, s.vertical_datum, nullif(_views_compared_at(s.scene_id), '-infinity') AS compared_at
+       p.name AS branch_of, s.vertical_datum, nullif(_views_compared_at(s.scene_id), '-infinity') AS compared_at,
+       s.regions
 FROM scene s
 LEFT JOIN scene p ON p.scene_id = s.parent_scene_id
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
@@ -125,6 +126,9 @@ COMMENT ON COLUMN scenes.horizon_days IS
 COMMENT ON COLUMN scenes.vertical_datum IS
 'What heights are above: msl (mean sea level), wgs84 (the ellipsoid) or flight_level (the surface of 1013.25 hPa, in '
 'metres of the standard atmosphere).';
+COMMENT ON COLUMN scenes.regions IS
+'Whether detections store the region of each conflict: on, or off (quicker and smaller; queries by place then compare '
+'swept hulls).';
 COMMENT ON COLUMN scenes.expanded_from IS
 'Schedules are expanded from here; null: none is. Before it, activations of schedules are not known.';
 COMMENT ON COLUMN scenes.expanded_until IS

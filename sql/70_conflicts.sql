@@ -83,8 +83,8 @@ COMMENT ON COLUMN conflicts.verdict IS
 COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Contains every place where both '
 'meet. Two overlapping areas: their intersection. Otherwise the intersection of the places swept during the contacts, '
-'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null only in '
-'databases older than stored regions, until the next detection; is_current is then false.';
+'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null: not '
+'computed, as in scenes with the setting regions off; where they meet is then unknown, not nowhere.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
 'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
@@ -331,23 +331,6 @@ COMMENT ON FUNCTION _window(geometry, text) IS
 'Bounding box (degrees, within +-180) for an index search: all regions that meet a geometry (longitude and latitude) '
 'in the plane touch it.';
 
-CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
-RETURNS SETOF conflicts
-LANGUAGE sql STABLE PARALLEL RESTRICTED
-BEGIN ATOMIC
-    SELECT c.* FROM conflicts c
-    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
-      AND _check_place(p_geometry, p_span, NULL, NULL) AND _warn_if_beyond_horizon(p_scene, p_span)
-      AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
-      AND c.region && (SELECT _window(p_geometry, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat))
-                       FROM scene o WHERE o.scene_id = _scene_id(p_scene))
-      AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
-                                        FROM scene o WHERE o.scene_id = _scene_id(p_scene)));
-END;
-COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
-'Conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods overlap a '
-'span (null: unbounded).';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._met_by_place(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
@@ -387,6 +370,65 @@ $$;
 COMMENT ON FUNCTION _met_by_place(bigint, geometry, tstzrange, double precision, double precision) IS
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
 'two heights (metres; null: unbounded), and rough pieces of objects that changed since, without region.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._placeless_within(p_scene text, p_geometry geometry)
+RETURNS SETOF bigint
+LANGUAGE plpgsql STABLE PARALLEL RESTRICTED ROWS 10 SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_within_s double precision := _longest_time_s(v_scene_id);
+BEGIN
+    IF NOT EXISTS (SELECT FROM conflict c
+                   WHERE c.scene_id = v_scene_id AND c.verdict <> 'near' AND c.region IS NULL) THEN
+        RETURN;
+    END IF;
+    RAISE NOTICE 'scene %: has conflicts without regions: those whose swept hulls meet the place are in the answer',
+                 quote_literal(p_scene)
+        USING HINT = 'With the setting regions on, the next detection computes regions.';
+    RETURN QUERY
+        WITH near AS MATERIALIZED (
+            -- At all times: a region is of all periods.
+            SELECT m.object_kind, m.object_id, range_agg(_widened(m.span, v_within_s)) AS spans
+            FROM _met_by_place(v_scene_id, p_geometry, tstzrange(NULL, NULL), NULL, NULL) m
+            GROUP BY m.object_kind, m.object_id
+        )
+        SELECT c.conflict_id FROM conflict c
+        LEFT JOIN near a ON a.object_kind = c.a_kind AND a.object_id = c.a_id
+        LEFT JOIN near b ON b.object_kind = c.b_kind AND b.object_id = c.b_id
+        WHERE c.scene_id = v_scene_id AND c.verdict <> 'near' AND c.region IS NULL
+          AND (a.spans && c.periods AND b.spans && c.periods
+               -- Pieces of changed objects are not those of the conflict.
+               OR EXISTS (SELECT FROM change m WHERE m.scene_id = v_scene_id
+                          AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))));
+END
+$$;
+COMMENT ON FUNCTION _placeless_within(text, geometry) IS
+'Ids of the conflicts of a scene without a region that may be at a geometry (longitude and latitude, degrees): stages '
+'1 and 2 on the geometry and both objects, a superset of the truth. Raises a NOTICE if there are conflicts without a '
+'region.';
+
+CREATE OR REPLACE FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
+RETURNS SETOF conflicts
+LANGUAGE sql STABLE PARALLEL RESTRICTED
+BEGIN ATOMIC
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
+      AND _check_place(p_geometry, p_span, NULL, NULL) AND _warn_if_beyond_horizon(p_scene, p_span)
+      AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
+      AND c.region && (SELECT _window(p_geometry, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat))
+                       FROM scene o WHERE o.scene_id = _scene_id(p_scene))
+      AND _meets(c.region, p_geometry, (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat)
+                                        FROM scene o WHERE o.scene_id = _scene_id(p_scene)))
+    UNION ALL
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = coalesce(p_scene, '') AND _check_place(p_geometry, p_span, NULL, NULL)
+      AND c.conflict_id IN (SELECT w.id FROM _placeless_within(p_scene, p_geometry) w (id))
+      AND c.periods && coalesce(p_span, tstzrange(NULL, NULL));
+END;
+COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
+'Conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods overlap a '
+'span (null: unbounded). Of conflicts without a region: those whose objects'' swept hulls meet the geometry, a '
+'superset, and a NOTICE.';
 
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),

@@ -154,7 +154,7 @@ DECLARE
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
     v_layers := _layers(v_scene.scene_id);
-    v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s,horizon_days}'::text[];
+    v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s,horizon_days,regions}'::text[];
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN

@@ -487,7 +487,13 @@ BEGIN
         CROSS JOIN LATERAL (SELECT f.conflict_id, f.a_key, f.a_kind, f.b_key, f.b_kind, f.verdict, f.is_current,
                                    f.first_contact, f.last_contact, f.region, f.first_contact_point
                             FROM conflicts f
-                            WHERE f.scene = v.scene AND f.region && p.box AND f.periods && v.span OFFSET 0) c
+                            WHERE f.scene = v.scene AND f.region && p.box AND f.periods && v.span
+                            UNION ALL
+                            SELECT f.conflict_id, f.a_key, f.a_kind, f.b_key, f.b_kind, f.verdict, f.is_current,
+                                   f.first_contact, f.last_contact, f.region, f.first_contact_point
+                            FROM conflicts f
+                            WHERE f.scene = v.scene AND f.region IS NULL AND f.first_contact_point && p.box
+                              AND f.periods && v.span OFFSET 0) c
         WHERE (v.verdicts IS NULL OR c.verdict = ANY (v.verdicts))
           AND (num_nonnulls(v.floor_m, v.ceiling_m) = 0 OR (
               SELECT coalesce(greatest(max(h.floor_m), v.floor_m), '-infinity')
@@ -500,7 +506,8 @@ BEGIN
         SELECT s.conflict_id, s.a_key, s.a_kind, s.b_key, s.b_kind, s.verdict, s.is_current,
                extract(epoch FROM s.first_contact)::double precision AS start_s,
                extract(epoch FROM s.last_contact)::double precision AS end_s,
-               CASE WHEN b.is_plain
+               CASE WHEN s.region IS NULL THEN NULL
+                    WHEN b.is_plain
                     THEN coalesce(_tile_plain(s.region, b.box, w.bounds, w.unit_m, w.unit_deg),
                                   _tile_shape(s.region, z, x, y))
                     ELSE _tile_shape(s.region, z, x, y) END AS region,
@@ -509,7 +516,8 @@ BEGIN
                     ELSE _tile_shape(s.first_contact_point, z, x, y) END AS point
         FROM shown s
         CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain
-                            FROM (SELECT Box2D(s.region)::box3d AS box OFFSET 0) n OFFSET 0) b
+                            FROM (SELECT Box2D(coalesce(s.region, s.first_contact_point))::box3d AS box OFFSET 0) n
+                            OFFSET 0) b
     )
     SELECT coalesce((
                SELECT ST_AsMVT(f, 'conflicts', 4096, 'region', 'conflict_id')
@@ -529,7 +537,8 @@ COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
 'Vector tile of the conflicts of a scene: layers conflicts (regions) and first_contacts (points), both with '
 'conflict_id as feature id, a_key, a_kind, b_key, b_kind, verdict, is_current, start_s and end_s (of all periods, Unix '
 'seconds, absent if unbounded). query_params as in tile_areas, and verdict: a comma-separated list of conflict, '
-'grazing, unresolved. Heights apply to those that both objects share.';
+'grazing, unresolved. Heights apply to those that both objects share. Conflicts without a region are in first_contacts '
+'only; without a first contact, too, they are in no tile.';
 
 CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
@@ -602,6 +611,6 @@ COMMENT ON COLUMN map_conflicts.ends_at IS 'End of the period, inclusive; null: 
 COMMENT ON COLUMN map_conflicts.time_error_s IS 'Error bound of both, seconds.';
 COMMENT ON COLUMN map_conflicts.region IS
 'Region during all periods: longitude and latitude in degrees, split at the antimeridian; empty if it is a line or '
-'point.';
+'point; null if not computed, as in scenes with the setting regions off: show first_contact_point.';
 COMMENT ON COLUMN map_conflicts.first_contact_point IS
 'First contact, in the first period: longitude and latitude in degrees; null if not computed.';

@@ -28,7 +28,7 @@ from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
 from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.errors import InvalidInput
-from conflictdb.model.settings import STORED_BY_DETECT, given
+from conflictdb.model.settings import STORED_BY_DETECT, Regions, given
 
 if TYPE_CHECKING:
     from conflictdb.client.stored_scene import StoredScene
@@ -72,7 +72,7 @@ def detect(args: argparse.Namespace) -> int:
                 )
             note(run_text(scene, run))
             runs.append(run)
-        found = [db.scene(scene).stream_conflicts(with_region=_wants_region(args)) for scene in scenes]
+        found = [one.stream_conflicts(with_region=_wants_region(args, one)) for one in map(db.scene, scenes)]
         near = [db.scene(scene).stream_approaches(only_near=True) for scene in scenes]
         states = [one.state for one in found]
         if args.format == "table":
@@ -114,7 +114,8 @@ def conflicts(args: argparse.Namespace) -> int:
         return DONE
     with database(args) as db:
         wait(db, args)
-        found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
+        scene = db.scene(args.scene)
+        found = scene.stream_conflicts(args.at, with_region=_wants_region(args, scene), **which)
         require_current(args, found.state)
         depths = db.scene(args.scene).depths
         print_conflicts(found, [found.state], args.format, shown=shown, known_depths=depths)
@@ -219,5 +220,10 @@ def explain(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _wants_region(args: argparse.Namespace) -> bool:
-    return args.format in ("json", "geojson", "geoparquet") and not args.no_region
+def _wants_region(args: argparse.Namespace, scene: "StoredScene") -> bool:
+    """Return whether to read regions; remark if the scene stores none."""
+    is_wanted = args.format in ("json", "geojson", "geoparquet") and not args.no_region
+    if is_wanted and scene.settings().regions is Regions.OFF:
+        place = "its place is the first contact, if that is known"
+        remark(f"scene {scene.name!r} stores no regions (setting regions is off): {place}")
+    return is_wanted

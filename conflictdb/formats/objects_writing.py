@@ -24,7 +24,7 @@ def _f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -
 
 
 # Settings of a scene that every file of objects has, or that follow from the objects.
-_OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum"})
+_OWN: Final = frozenset({"centre", "horizon_days", "vertical_datum", "regions"})
 
 
 class WrittenFormat(NamedTuple):

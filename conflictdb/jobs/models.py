@@ -75,6 +75,7 @@ class SceneRow(Base):
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
     vertical_datum: Mapped[str] = mapped_column(server_default=FetchedValue())
+    regions: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
 class AreaRow(Base):
@@ -234,6 +235,7 @@ class SceneStateRow(Base):
     intervals: Mapped[str]
     horizon_days: Mapped[float]
     vertical_datum: Mapped[str]
+    regions: Mapped[str]
 
 
 class ConflictEventRow(Base):

@@ -13,6 +13,7 @@ from conflictdb.model.settings import (
     EarthModel,
     Intervals,
     Motion,
+    Regions,
     SettingType,
     VerticalDatum,
     checked,
@@ -44,6 +45,7 @@ class Scene:
     intervals : closed: the last instant of a span and the ceiling of a height band belong to an object
     horizon_days : schedules are expanded from today to so many days ahead, 0 to 36,525, and over all voyages
     vertical_datum : what the heights of all objects are above
+    regions : off: detections do not compute where each conflict is
     rules : separation rules by class, in place of `separation_m`, `vertical_separation_m` and `time_separation_s`
     """
 
@@ -61,6 +63,7 @@ class Scene:
     intervals: Intervals = Intervals.HALF_OPEN
     horizon_days: float = 366.0
     vertical_datum: VerticalDatum = VerticalDatum.MSL
+    regions: Regions = Regions.ON
     rules: Sequence[Rule] = ()
 
     def __post_init__(self) -> None:

@@ -67,6 +67,13 @@ def datum_named(name: Any) -> VerticalDatum | None:
     return _DATUM_NAMES.get(name.strip().upper()) if isinstance(name, str) else None
 
 
+class Regions(StrEnum):
+    """Whether detections compute and store where each conflict is."""
+
+    ON = "on"
+    OFF = "off"  # quicker and smaller: maps show first contacts, queries by place compare swept hulls
+
+
 class SettingType(Enum):
     """Type of a setting; its rules, its option and its column follow from it."""
 
@@ -100,7 +107,7 @@ class Setting:
     default : None: it follows from the motion and the objects
     help : of its option on the command line
     choices : of a CHOICE
-    label, says, says_zero : its row in a report, for a distance, and for 0 unless empty; no row without a label
+    label, says, says_zero : its row in a report, for a value, and for 0 unless empty; no row without a label
     is_stored_by_detect : whether `detect` takes it too; the others need other pieces or planes, and belong into files
     decides_conflicts : whether a pair's conflict may depend on it
     """
@@ -255,6 +262,19 @@ SETTINGS: Final = (
         choices=VerticalDatum,
         decides_conflicts=False,
     ),
+    Setting(
+        "regions",
+        SettingType.CHOICE,
+        "Whether detections store the region of each conflict: on, or off (quicker and smaller; queries by place then "
+        "compare swept hulls).",
+        Regions.ON,
+        "off: store no regions of conflicts, which is quicker and smaller (default: on)",
+        choices=Regions,
+        label="Regions",
+        says="{}",
+        is_stored_by_detect=True,
+        decides_conflicts=False,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is SettingType.METRES)
@@ -275,6 +295,7 @@ class Changes(TypedDict, total=False):
     time_separation_s: float | None
     delays_within_s: float | None
     horizon_days: float | None
+    regions: Regions | str | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def begin_new(
 
 
 def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region: Polygons) -> Finished:
-    """Return the encoded rows of new conflicts (k,) with their digests and regions (empty for near pairs only).
+    """Return the encoded rows of new conflicts (k,) with their digests and regions (empty: they have none).
 
     Pairs with a removed object drop out: the removal has a mark of its own. Its number may belong to another object by
     now.

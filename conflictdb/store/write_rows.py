@@ -28,7 +28,7 @@ from conflictdb.model.plans import Scene
 from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
 from conflictdb.model.rules import REPLACED
-from conflictdb.model.settings import SETTINGS
+from conflictdb.model.settings import SETTINGS, Regions
 from conflictdb.store import copy_binary
 from conflictdb.store.conflict_encoding import Columns, columns_of
 from conflictdb.store.connection import call, transaction
@@ -79,12 +79,19 @@ class RunRecord:
     counted: Mapping[str, float] = field(default_factory=dict)
     more_objects: int | None = None
 
+    @property
+    def has_regions(self) -> bool:
+        """Whether rows store regions."""
+        return self.settings.get("regions") != Regions.OFF
+
     def digest_key(self, of_pairs: Scene | None = None) -> bytes:
         """Return the key for digests: method, settings and edition, on which answers depend besides their columns.
 
         of_pairs : settings that the pairs have by separation rules
         """
         known = {name: value for name, value in self.settings.items() if name not in _OF_NO_ANSWER}
+        if not self.has_regions:
+            known["regions"] = str(Regions.OFF)
         if of_pairs is not None:
             known |= {name: getattr(of_pairs, name) for name in REPLACED.values()}
         settings = json.dumps([self.method, known, EDITION], sort_keys=True)
@@ -204,8 +211,9 @@ def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Pol
         run = staged.scene_id, staged.run_id, staged.run.as_json(), staged.run.method
         staged.new = begin_new(conn, *run, np.unique(np.concatenate([a, b])), len(a))
     if staged.new is not None:
-        # Pairs without a region have no COPY: the statement finds their place.
-        is_new = (part.row < 0) & ((np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code))
+        # A region that the kernel leaves unknown has no COPY: the statement computes it.
+        is_known = (np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code)
+        is_new = (part.row < 0) & (is_known | (not staged.run.has_regions))
         rows, rest = np.flatnonzero(is_new), np.flatnonzero(~is_new)
         new = part if not len(rest) else part.take(rows)
         finished = finish_new(staged.new, new.conflicts, new.digest, region if not len(rest) else region.take(rows))

@@ -1,4 +1,4 @@
-"""Keep positions of objects, and compare them with their plans."""
+"""Keep positions of objects, and compare them with their plans; scenes without regions of conflicts."""
 
 from alembic import op
 
@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7a83c7b9d7313a48effb507cc641f91573435de36e8da020575fcae7200ce38d"
+routines_sha256 = "834cdb13f99e34ea22ae7ab153652c5dfb4a14dfc99ec6e81a607ad3362f2532"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -104,6 +104,18 @@ LIVE_CONFLICT_OTHER = """
 CREATE INDEX IF NOT EXISTS live_conflict_other_btree ON conflictdb.live_conflict (scene_id, other_key)
 """
 
+# Conflicts without a region are found on maps by their first contact.
+REGIONS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS regions text NOT NULL DEFAULT 'on',
+    DROP CONSTRAINT IF EXISTS scene_regions_known,
+    ADD CONSTRAINT scene_regions_known CHECK (regions IN ('on', 'off'))
+"""
+CONFLICT_PLACE = """
+CREATE INDEX IF NOT EXISTS conflict_first_contact_spgist ON conflictdb.conflict USING spgist (first_contact_point)
+    WHERE verdict <> 'near' AND region IS NULL
+"""
+
 STATEMENTS: tuple[str, ...] = (
     POSITION,
     *PARTITIONS,
@@ -113,6 +125,8 @@ STATEMENTS: tuple[str, ...] = (
     LIVE_STATE_STRAYING,
     LIVE_CONFLICT,
     LIVE_CONFLICT_OTHER,
+    REGIONS,
+    CONFLICT_PLACE,
 )
 
 

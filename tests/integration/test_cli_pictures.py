@@ -48,6 +48,15 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
     assert "FERRY 17 min 26 s earlier" in drawn["times"]
 
 
+def test_without_regions_first_contacts_are_drawn_and_the_report_says_so(run: Run, tmp_path: Path) -> None:
+    assert run("detect", "--scene", "strait", "--regions", "off").code == 0
+    for name in ("scene.svg", "x.html"):
+        done = run("plot" if name == "scene.svg" else "report", "--scene", "strait", str(tmp_path / name))
+        assert (done.code, done.err) == (0, "")
+    assert "strait: 4 areas, 7 tracks, 7 conflicts" in (tmp_path / "scene.svg").read_text()
+    assert re.search(r"Regions</t[dh]>\s*<td[^>]*>off<", (tmp_path / "x.html").read_text())
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [

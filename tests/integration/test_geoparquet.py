@@ -98,6 +98,30 @@ def test_conflicts_go_out_with_where_they_are(run: Run, tmp_path: Path, monkeypa
     assert list(frame["closest_m"]) == [row["closest_m"] for row in found]
 
 
+def test_conflicts_without_regions_go_out_with_first_contacts_and_a_remark(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The setting goes with the scene file; GeoJSON has points, GeoParquet null geometries."""
+    says = "scene 'strait' stores no regions (setting regions is off): its place is the first contact, if that is known"
+    assert run("detect", STRAIT, "--regions", "off", "--format", "csv").code == 0
+    path = tmp_path / "strait.json"
+    assert run("export", "--scene", "strait", path).code == 0
+    assert json.loads(path.read_text())["scene"]["regions"] == "off"
+    done = run("conflicts", "--scene", "strait", "--format", "geojson")
+    assert says in done.err
+    points = [one["geometry"] for one in done.json["features"]]
+    assert points == [one["properties"]["first_contact_point"] for one in done.json["features"]]
+    assert says not in run("conflicts", "--scene", "strait", "--format", "geojson", "--no-region").err
+    assert {row["region"] for row in run("conflicts", "--scene", "strait", "--format", "json").json} == {None}
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, write_through=True))
+    assert run("conflicts", "--scene", "strait", "--format", "geoparquet").code == 0
+    frame = geopandas.read_parquet(io.BytesIO(written.getvalue()))
+    assert len(frame) == 7
+    assert frame.geometry.isna().all()
+    assert frame["first_contact_point"].notna().all()
+
+
 def test_conflicts_go_out_as_exactly_as_the_database_has_them(run: Run, dsn: str, tmp_path: Path) -> None:
     """Regions to the last bit, in GeoParquet and in JSON, and numbers and versions of objects; of those near, too."""
     near = {**json.loads(Path(STRAIT).read_text())}

@@ -210,7 +210,8 @@ DROP TRIGGER scene_before ON conflictdb.scene;
 DROP TRIGGER scene_changed ON conflictdb.scene;
 ALTER TABLE conflictdb.scene DROP COLUMN vertical_separation_m CASCADE, DROP COLUMN time_separation_s CASCADE,
     DROP COLUMN delays_within_s CASCADE, DROP COLUMN intervals CASCADE, DROP COLUMN horizon_days CASCADE,
-    DROP COLUMN expanded CASCADE, DROP COLUMN parent_scene_id CASCADE, DROP COLUMN vertical_datum CASCADE;
+    DROP COLUMN expanded CASCADE, DROP COLUMN parent_scene_id CASCADE, DROP COLUMN vertical_datum CASCADE,
+    DROP COLUMN regions CASCADE;
 """
 
 

@@ -71,7 +71,7 @@ def test_a_copy_has_every_setting(conn: Conn, motion: str) -> None:
     """A copy without a separation would miss conflicts."""
     distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.name in settings.NUMBERS}
     place = {"centre": (10.1, 57.3)} if motion == "great_circle" else {}
-    choices = {"method": "screen", "intervals": "closed", "vertical_datum": "wgs84"}
+    choices = {"method": "screen", "intervals": "closed", "vertical_datum": "wgs84", "regions": "off"}
     given = Scene("s", motion=motion, earth="sphere", **choices, **distances, **place)  # type: ignore[arg-type]
     changed = {one.name for one in SETTINGS if getattr(given, one.name) != one.default}
     assert changed | {"motion", "centre"} == set(settings.NAMES)

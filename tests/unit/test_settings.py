@@ -27,6 +27,7 @@ def test_files_keep_every_setting() -> None:
         centre=(3.0, 4.0),
         intervals="closed",
         vertical_datum="wgs84",
+        regions="off",
         **dict.fromkeys(NUMBERS, 12.5),
     )  # type: ignore[arg-type]
     assert set(settings_of(scene)) == {"name", *NAMES}
