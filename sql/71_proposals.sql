@@ -473,6 +473,21 @@ COMMENT ON FUNCTION undo_proposal(bigint, boolean) IS
 'Gives the tracks of an applied proposal their exact former times, all or none, and returns their number. Raises '
 'ZC018, naming them, if any of them changed since; other objects may have. p_attached: as for apply_proposal.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._proposed(p_scene text, p_key text) RETURNS TABLE (
+    proposal_id bigint, state text, text text, delay_s double precision, changes text[]
+)
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    SELECT p.proposal_id, CASE WHEN p.applied_at IS NULL THEN 'open' ELSE 'applied' END, m.explanation, m.delay_s,
+           proposal_changes(p.proposal_id)
+    FROM proposal p JOIN proposal_move m USING (proposal_id)
+    WHERE p.scene_id = _scene_or_branch(p_scene) AND m.key = p_key AND p.undone_at IS NULL
+    ORDER BY p.proposal_id DESC LIMIT 1;
+END;
+COMMENT ON FUNCTION _proposed(text, text) IS
+'How the last proposal that moves an object, open or applied, moves it, and what changed in the scene since; no row '
+'without one.';
+
 CREATE OR REPLACE VIEW proposals WITH (security_invoker = true) AS
 SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
        CASE WHEN p.undone_at IS NOT NULL THEN 'undone' WHEN p.applied_at IS NOT NULL THEN 'applied'

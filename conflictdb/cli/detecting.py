@@ -32,6 +32,7 @@ from conflictdb.model.settings import STORED_BY_DETECT, Regions, given
 
 if TYPE_CHECKING:
     from conflictdb.client.stored_scene import StoredScene
+    from conflictdb.formats.conflict_ics import Activation
     from conflictdb.store import LiveConflict, LiveTrack
 
 # Options that need files.
@@ -118,10 +119,29 @@ def conflicts(args: argparse.Namespace) -> int:
         found = scene.stream_conflicts(args.at, with_region=_wants_region(args, scene), **which)
         require_current(args, found.state)
         depths = db.scene(args.scene).depths
-        print_conflicts(found, [found.state], args.format, shown=shown, known_depths=depths)
+        active = _activations(db.scene(args.scene), args)
+        states = [found.state]
+        print_conflicts(found, states, args.format, shown=shown, known_depths=depths, activations=active)
         if args.since is not None:
             _print_gone(db.scene(args.scene), args)
     return listed(found.state)
+
+
+def _activations(scene: "StoredScene", args: argparse.Namespace) -> "list[Activation]":
+    """Return when the area whose conflicts are asked about is active, for a calendar."""
+    if args.format != "ics" or args.key is None:
+        return []
+    from conflictdb.formats.conflict_ics import Activation
+
+    name = scene.names(args.key).get(args.key)
+    found = [
+        Activation(scene.name, args.key, name, start, end)
+        for start, end in scene.activations(args.key)
+        if (args.end is None or start < args.end) and (args.start is None or end > args.start)
+    ]
+    if found:
+        remark(f"with the {len(found):,} times at which {args.key} is active")
+    return found
 
 
 def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", args: argparse.Namespace) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, note, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
+from conflictdb.cli.values import chosen_units
 from conflictdb.core.ranking import Known, facts_of, missing_text, worst_first
 from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats.conflict_gpx import position_of
@@ -23,6 +24,7 @@ from conflictdb.model.results import Approach, Conflict, SceneState, format_mome
 
 if TYPE_CHECKING:
     from conflictdb.client.loading import Loaded
+    from conflictdb.formats.conflict_ics import Activation
     from conflictdb.formats.contents import Remark, Skipped
     from conflictdb.jobs.detect import Run
     from conflictdb.store import SceneStatus
@@ -65,12 +67,14 @@ def print_conflicts(
     *,
     shown: Shown = _PLAIN,
     known_depths: Callable[[Sequence[Conflict]], Known] = lambda _: {},
+    activations: "Sequence[Activation]" = (),
 ) -> None:
     """Print conflicts as a table, JSON, CSV, GeoJSON, GPX, iCalendar or GeoParquet, and remarks on incomplete scenes.
 
     All formats but the table, which has the worst first, are printed as a stream.
 
     known_depths : returns how deep conflicts are, for the table
+    activations : of an area, for iCalendar
     """
     remark_incomplete(states)
     if form == "geoparquet":
@@ -78,7 +82,8 @@ def print_conflicts(
             write_geoparquet(stream, conflicts)
     elif form != "table":
         left_out: list[Conflict] = []
-        data(lines_of(conflicts, form, Conflict, states, more, left_out.append), is_json=form in ("json", "geojson"))
+        lines = lines_of(conflicts, form, Conflict, states, more, left_out.append, activations)
+        data(lines, is_json=form in ("json", "geojson"))
         if left_out:
             remark(f"left out {len(left_out)}: {'no position' if form == 'gpx' else 'no start or no end'}")
     elif rows := list(conflicts):
@@ -144,7 +149,10 @@ def conflict_table(
         ("PERIODS", lambda one: len(one.periods)),
     ]
     if known:
-        columns.append(("HOW CLOSE", lambda one: missing_text(facts_of(one).moving, known.get((one.a_key, one.b_key)))))
+        units = chosen_units()
+        columns.append(
+            ("HOW CLOSE", lambda one: missing_text(facts_of(one).moving, known.get((one.a_key, one.b_key)), units))
+        )
     remarks = [one for one in REMARKS if any(getattr(conflict, one.field) is not None for conflict in conflicts)]
     columns += [(_header(one), partial(_remark, one)) for one in remarks]
     if "position" in shown.more:

@@ -9,6 +9,7 @@ from conflictdb.cli.load_report import labels
 from conflictdb.cli.output import out, print_json, program
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import wrapped
+from conflictdb.cli.values import chosen_units
 from conflictdb.model.clock import Clock
 from conflictdb.model.margin import Margin
 from conflictdb.model.proposals import Goal, Proposal, duration_text
@@ -81,7 +82,7 @@ def apply(args: argparse.Namespace) -> int:
 
 def proposal_text(found: Proposal, names: Mapping[str, str], clock: Clock) -> str:
     """Return a sentence for each move and for each plan that is left, and how good the proposal is."""
-    lines = [wrapped(move.text(names, clock)) for move in found.moves]
+    lines = [wrapped(move.text(names, clock, chosen_units())) for move in found.moves]
     lines += [
         wrapped(f"{labels(names, [one.key])} stays in conflict: blocked by {labels(names, one.blocked_by)}")
         for one in found.left

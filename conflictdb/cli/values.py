@@ -1,6 +1,7 @@
 """Parse values of the command line: numbers with units, instants, places. Each error states its rule."""
 
 import argparse
+import os
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -11,7 +12,9 @@ from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.core.memory_budget import LEAST_MEMORY_MB
+from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import REMOVED
+from conflictdb.model.units import Units
 
 # What a table of conflicts shows on request.
 MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
@@ -271,6 +274,14 @@ def time_or_age(text: str) -> datetime:
         return time(text)
     except argparse.ArgumentTypeError as error:
         raise argparse.ArgumentTypeError(f"{error}; or so long ago, such as 24h or 7d") from None
+
+
+def chosen_units() -> Units:
+    """Return the units of CONFLICTDB_UNITS, by default nautical; raises InvalidInput for others."""
+    text = os.environ.get("CONFLICTDB_UNITS") or Units.NAUTICAL
+    if text not in list(Units):
+        raise InvalidInput("CONFLICTDB_UNITS", "", f"must be {' or '.join(Units)}; got {text!r:.60}")
+    return Units(text)
 
 
 def zone(text: str) -> ZoneInfo:

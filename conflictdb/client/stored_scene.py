@@ -836,6 +836,18 @@ class StoredScene:
             return areas[0] if areas else tracks[0]
         raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {self.name!r}")
 
+    def activations(self, key: str) -> list[tuple[datetime, datetime]]:
+        """Return the spans [start, end) at which an area is active, in UTC; none that is unbounded, none of a track.
+
+        Of a schedule all of them, if it says its first and last dates; else as far as the scene's horizon.
+
+        Raises InvalidInput if it does not exist.
+        """
+        from conflictdb.client.briefing import activations_of
+
+        found = activations_of(self.plan(key), self.settings().horizon_days)
+        return [(start, end) for start, end in found if start is not None and end is not None]
+
     def delayed(self, key: str, delay: timedelta) -> "Area | Track":
         """Return an object of the scene, later by `delay` (negative: earlier), for `probe`; changes nothing.
 
@@ -1025,18 +1037,35 @@ class StoredScene:
         a, b = _pair_of(self.name, [*areas, *tracks], conflict.a_key, conflict.b_key)
         return figures.plot_pair(settings, a, b, conflict, remark=_incomplete(state))
 
-    def report(self, file: str | Path) -> None:
+    def report(
+        self, file: str | Path, key: str | None = None, *, time_zone: tzinfo = UTC, units: str = "nautical"
+    ) -> None:
         """Write a report, .html or .pdf: the objects and settings checked, the conflicts, and figures.
+
+        key : write a brief of this plan instead, for its captain or range officer: times, places, whom it meets, the
+            owners to call, what is acknowledged, and the proposal
+        time_zone : of the brief's local times; UTC: these alone
+        units : ``nautical`` (nautical miles, degrees and minutes) or ``metric`` (kilometres, decimal degrees)
 
         While changes of the scene wait for detection the report says so at its top, and an IncompleteWarning is issued.
 
-        Raises InvalidInput for an empty scene, and for other file names; ConflictDBError,
+        Raises InvalidInput for an empty scene, an unknown key, and other file names and units; ConflictDBError,
         naming the extra to install, if a package is missing.
         """
         from conflictdb.memory import questions
-        from conflictdb.plot import report
+        from conflictdb.model.units import Units
+        from conflictdb.plot import brief, report
 
         report.check_name(file)
+        if units not in list(Units):
+            raise InvalidInput("report", "units", f"must be one of {', '.join(Units)}; got {units!r:.60}")
+        if key is not None:
+            from conflictdb.client.briefing import brief_of
+
+            checked_brief = brief_of(self, key, time_zone, Units(units))
+            _warn_if_incomplete(checked_brief.state)
+            brief.write(checked_brief, file)
+            return
         with store.transaction(self.connection):
             settings, areas, tracks = self._read()
             found = store.conflicts(self.connection, self.name, with_region=True)
@@ -1048,7 +1077,8 @@ class StoredScene:
         known = {track.key for track in tracks}
         asked = [key for key in report.asked_about(found) if key in known]
         later = questions.delays(tracks, areas, settings, asked) if asked else []
-        checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns, later)
+        scene = (settings, areas, tracks, found, near, found.state, server, columns, later)
+        checked = report.Checked(*scene, units=Units(units))
         report.write(checked, file)
 
     def export(self, path: str | Path, keys: Sequence[str] | None = None) -> None:

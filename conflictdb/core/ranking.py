@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from conflictdb.model.results import Certainty, Conflict, Kind, Verdict
+from conflictdb.model.units import Units
 
 # A list of conflicts starts without numpy.
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ Known: TypeAlias = "Mapping[tuple[str, str], DeepestContact]"
 
 # Depths of more conflicts take seconds: a list does without them.
 MOST_DEPTHS: Final = 2_000
-_NMI_M: Final = 1852.0
 _TOUCHES_M: Final = 0.05  # is 0.0 m when printed
 
 
@@ -61,7 +61,7 @@ def worst_first(conflicts: Iterable[Conflict], known: Known) -> list[Conflict]:
     return sorted(conflicts, key=lambda one: (scenes[one.scene], *rank(facts_of(one), known)))
 
 
-def missing_text(moving: int, found: "DeepestContact | None") -> str:
+def missing_text(moving: int, found: "DeepestContact | None", units: Units = Units.NAUTICAL) -> str:
     """Return how much of the separation is missing, in words: ``inside by 4.7 nmi``, ``too close by 0.4 nmi``.
 
     moving : how many of the two are tracks
@@ -69,7 +69,7 @@ def missing_text(moving: int, found: "DeepestContact | None") -> str:
     if found is None:
         return ""
     words, by_m = missing(moving, found)
-    return words if by_m is None else f"{words} by {distance_text(by_m)}"
+    return words if by_m is None else f"{words} by {units.distance(by_m)}"
 
 
 def missing(moving: int, found: "DeepestContact") -> tuple[str, float | None]:
@@ -83,10 +83,3 @@ def missing(moving: int, found: "DeepestContact") -> tuple[str, float | None]:
     if moving == 2 or within_m < _TOUCHES_M:
         return "too close", found.depth_m
     return "inside" if moving else "overlapping", within_m
-
-
-def distance_text(metres: float) -> str:
-    """Return a distance in nautical miles, below a tenth of one in metres."""
-    if metres >= _NMI_M / 10.0:
-        return f"{metres / _NMI_M:.1f} nmi"
-    return f"{metres:.0f} m" if metres >= 10.0 else f"{metres:.1f} m"

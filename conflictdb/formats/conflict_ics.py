@@ -1,13 +1,13 @@
-"""Conflicts as iCalendar (RFC 5545), for calendars: an event for each period."""
+"""Conflicts as iCalendar (RFC 5545), for calendars: an event for each period, and for each activation of an area."""
 
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Final, NamedTuple
 
 from conflictdb.errors import printable
 from conflictdb.formats.conflict_gpx import position_of
-from conflictdb.model.results import Conflict, Verdict
+from conflictdb.model.results import Conflict, Verdict, labelled
 
 _LINE_END: Final = "\r\n"
 _MOST_BYTES: Final = 75  # of a line; longer ones continue on the next, after a blank
@@ -15,12 +15,28 @@ _SECOND: Final = timedelta(seconds=1)
 _ESCAPED: Final = str.maketrans({"\\": "\\\\", ";": "\\;", ",": "\\,"})
 
 
-def as_ics(conflicts: Iterable[Conflict], leave_out: Callable[[Conflict], object] = lambda _: None) -> Iterator[str]:
+class Activation(NamedTuple):
+    """A time at which an area of a scene is active."""
+
+    scene: str
+    key: str
+    name: str | None
+    start: datetime
+    end: datetime
+
+
+def as_ics(
+    conflicts: Iterable[Conflict],
+    leave_out: Callable[[Conflict], object] = lambda _: None,
+    activations: Sequence[Activation] = (),
+) -> Iterator[str]:
     """Yield the lines of a calendar; `leave_out` is called with conflicts that have no start or no end.
 
     Periods are rounded outward to the second. An event keeps its identity from one export to the next.
     """
     yield from map(_folded, ("BEGIN:VCALENDAR", "VERSION:2.0", "PRODID:-//conflictdb//conflictdb//EN"))
+    for active in activations:
+        yield from map(_folded, _active_event(active))
     for one in conflicts:
         bounded = [(start, end) for start, end in one.periods if start is not None and end is not None]
         if not bounded or len(bounded) < len(one.periods):
@@ -29,6 +45,20 @@ def as_ics(conflicts: Iterable[Conflict], leave_out: Callable[[Conflict], object
         for n, (start, end) in enumerate(bounded):
             yield from map(_folded, _event(one, n, start, end))
     yield _folded("END:VCALENDAR")
+
+
+def _active_event(one: Activation) -> Iterator[str]:
+    yield "BEGIN:VEVENT"
+    identity = ("conflictdb", one.scene, one.key, "active", one.start.isoformat())
+    yield f"UID:{uuid.uuid5(uuid.NAMESPACE_OID, repr(identity))}"
+    yield f"DTSTAMP:{_stamp(datetime.now(UTC))}"
+    yield f"DTSTART:{_stamp(one.start)}"
+    yield f"DTEND:{_stamp(one.end + (_SECOND if one.end.microsecond or one.end == one.start else timedelta(0)))}"
+    yield f"SUMMARY:{_text(f'{labelled(one.key, one.name)}: active')}"
+    yield "CATEGORIES:active"
+    yield "STATUS:CONFIRMED"
+    yield f"DESCRIPTION:{_text(f'scene {one.scene}')}"
+    yield "END:VEVENT"
 
 
 def _event(one: Conflict, n: int, start: datetime, end: datetime) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import IO, Final, cast
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_gpx import as_gpx
-from conflictdb.formats.conflict_ics import as_ics
+from conflictdb.formats.conflict_ics import Activation, as_ics
 from conflictdb.formats.conflict_text import MoreColumn, as_csv, as_geojson, as_json, columns_of
 from conflictdb.model.results import Approach, Conflict, Listing, SceneState, Stream
 
@@ -74,6 +74,7 @@ def lines_of(
     states: Sequence[SceneState] = (),
     more: Sequence[MoreColumn] = (),
     leave_out: Callable[[Conflict], object] = lambda _: None,
+    activations: Sequence[Activation] = (),
 ) -> Iterator[str]:
     """Return the lines of a file of conflicts or closest approaches.
 
@@ -81,6 +82,7 @@ def lines_of(
     states : of scenes of a database, for GeoJSON
     more : further columns, which gpx and ics do not have
     leave_out : called with conflicts that gpx and ics cannot show
+    activations : of an area, which ics has, too
     """
     if form == "csv":
         return as_csv(pairs, columns_of(kind), more)
@@ -88,7 +90,8 @@ def lines_of(
         return as_json(pairs, more)
     if form == "geojson":
         return as_geojson(pairs, states, more)
-    return (as_gpx if form == "gpx" else as_ics)(cast("Iterable[Conflict]", pairs), leave_out)
+    conflicts = cast("Iterable[Conflict]", pairs)
+    return as_gpx(conflicts, leave_out) if form == "gpx" else as_ics(conflicts, leave_out, activations)
 
 
 def write_geoparquet(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:

@@ -7,8 +7,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from conflictdb.model.clock import Clock
-from conflictdb.model.plans import METRES_PER_NMI, Track
+from conflictdb.model.plans import Track
 from conflictdb.model.results import format_moment, labelled
+from conflictdb.model.units import Units
 
 _EXACT: Final = Clock(step_us=0)
 
@@ -84,12 +85,12 @@ class Move:
     departs_at: datetime | None = None
     is_area: bool = False
 
-    def text(self, names: Mapping[str, str] | None = None, clock: Clock = _EXACT) -> str:
+    def text(self, names: Mapping[str, str] | None = None, clock: Clock = _EXACT, units: Units = Units.NAUTICAL) -> str:
         """Return the move in one sentence; names: of objects, by key."""
         label = {} if names is None else names
-        parts = [_change(self, clock)]
+        parts = [_change(self, clock, units)]
         for one in self.passes:
-            where = "" if one.closest_m is None else f" by {_distance(one.closest_m)}"
+            where = "" if one.closest_m is None else f" by {units.least_distance(one.closest_m)}"
             other = labelled(one.key, label.get(one.key))
             verb = {
                 Side.ASTERN: "passes astern of",
@@ -179,22 +180,12 @@ def duration_text(seconds: float) -> str:
     return " ".join(f"{count} {unit}" for count, unit in parts if count) or "0 s"
 
 
-def _distance(metres: float) -> str:
-    """Return a distance, rounded down."""
-    tenths = int(10.0 * metres / METRES_PER_NMI)
-    return f"{tenths / 10} nmi" if tenths else f"{int(metres)} m"
-
-
-def _place(lon: float, lat: float) -> str:
-    # The longitudes of a track need not be within a turn.
-    lon = (lon + 180.0) % 360.0 - 180.0
-    return f"{abs(lat):.4f} {'S' if lat < 0.0 else 'N'} {abs(lon):.4f} {'W' if lon < 0.0 else 'E'}"
-
-
-def _change(move: Move, clock: Clock) -> str:
+def _change(move: Move, clock: Clock, units: Units) -> str:
     if move.detour is not None:
-        way = " and ".join(_place(*place) for place in move.detour.waypoints_deg)
-        longer = f"{_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
+        way = " and ".join(units.place(*place) for place in move.detour.waypoints_deg)
+        longer = (
+            f"{units.least_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
+        )
         return f"via {way} on leg {move.detour.leg}, {longer}"
     if move.speed != 1.0:
         return f"at {100.0 * move.speed:.1f} % of its speed"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from conflictdb.core.separations import Separations
 from conflictdb.errors import InvalidInput, printable
 from conflictdb.model.inputs import EPOCH, MICROSECOND
-from conflictdb.model.notebook import bound_text
+from conflictdb.model.notebook import bound_text, instant_text
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Conflict, Verdict, distinct_labels
 from conflictdb.plot import heights, map_panel
@@ -381,19 +381,24 @@ def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> lis
     if not conflict.periods:
         instants = [("closest", conflict.closest_at)]
     drawn = []
-    for nth, (_, at) in enumerate(instants):
+    for nth, (words, at) in enumerate(instants):
         if at is None:
             continue
         at_us = (at - EPOCH) // MICROSECOND
+        # The first is filled, the last an empty outline.
+        fill, line = ("70", "solid") if nth == 0 else ("00", (0, (3, 1.5)))
+        shapes = []
         for number, colour in ((0, FIRST), (1, SECOND)):
             shape = sketch.shape_at(number, at_us) if sketch.is_track(number) else None
             if shape is not None:
-                look = {"facecolors": colour + ("70" if nth == 0 else "30"), "edgecolors": colour, "linewidths": 1.2}
+                look = {"facecolors": colour + fill, "edgecolors": colour, "linewidths": 1.2, "linestyles": [line]}
                 map_panel.polygons(panel, np.array([shape], dtype=object), zorder=4, **look)
-                drawn.append(shape)
-    if drawn:
-        words = " and ".join(what for what, at in instants if at is not None).replace("first contact and", "first and")
-        panel.fill([], [], facecolor=QUIET + "70", edgecolor=INK, label=f"havens at {words}")
+                shapes.append(shape)
+        if shapes:
+            clock = instant_text(at, up=nth == 1)
+            label = f"havens at {words} {clock[-8:]}"
+            panel.fill([], [], facecolor=QUIET + fill, edgecolor=INK, linestyle=line, label=label)
+        drawn += shapes
     if conflict.first_contact_deg is not None:
         number = sketch.keys.index(conflict.a_key)
         point = sketch.on_page(shapely.Point(conflict.first_contact_deg), number)

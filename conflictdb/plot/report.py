@@ -22,6 +22,7 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion,
 from conflictdb.model.record import REMARKS
 from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
+from conflictdb.model.units import Units
 from conflictdb.plot import departures, figures
 from conflictdb.plot.pdf import document
 from conflictdb.plot.section import Section, drawn
@@ -66,6 +67,7 @@ class Checked:
     server : versions of the database's server
     run : the columns of the last run; empty where there was none
     delays : of the tracks of `asked_about`
+    units : of places and distances
     """
 
     scene: Scene
@@ -77,6 +79,7 @@ class Checked:
     server: str
     run: Mapping[str, Any]
     delays: Sequence[Delays] = ()
+    units: Units = Units.NAUTICAL
 
 
 def write(checked: Checked, file: str | Path, now: datetime | None = None) -> None:
@@ -93,10 +96,15 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
     if not checked.state.is_current:
         warning = f"NOT COMPLETE: {warning or 'changes wait for detection'}. Conflicts may be missing."
     sections = _sections(checked)
-    render = _html if file.suffix.lower() == ".html" else document
-    content = render(title, made, warning, sections)
+    content = rendered(file, title, made, warning, sections)
     with written_whole(file) as part:
         part.write_bytes(content)
+
+
+def rendered(file: Path, title: str, made: str, warning: str, sections: Sequence[Section]) -> bytes:
+    """Return the content of a file, in the format that its name says."""
+    render = _html if file.suffix.lower() == ".html" else document
+    return render(title, made, warning, sections)
 
 
 def asked_about(conflicts: Iterable[Conflict], most: int = _MOST_DELAYS) -> list[str]:
@@ -156,10 +164,10 @@ def _depths(checked: Checked) -> Known:
     return depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys], only=pairs)
 
 
-def _missing(known: Known, one: Conflict) -> str:
+def _missing(known: Known, one: Conflict, units: Units) -> str:
     """Return how much of the separation is missing, and when most; empty if that is not known."""
     found = known.get((one.a_key, one.b_key))
-    words = missing_text(facts_of(one).moving, found)
+    words = missing_text(facts_of(one).moving, found, units)
     return words if found is None or found.at_us is None else f"{words} at {instant_text(instant(found.at_us))[11:]}"
 
 
@@ -171,13 +179,13 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict], known: Known) -> Se
             _verdict(one),
             "\n".join(_period(*period) for period in one.periods),
             bound_text(one.time_error_s),
-            "" if one.first_contact_deg is None else "{1:.5f}, {0:.5f}".format(*one.first_contact_deg),
-            _missing(known, one),
+            "" if one.first_contact_deg is None else checked.units.place(*one.first_contact_deg),
+            _missing(known, one, checked.units),
         ]
         for one in conflicts[:_MOST_CONFLICTS]
     ]
     text = "The worst first: both move before one moves, certain before possible, then the soonest. Periods are rounded"
-    text += " outward to the second. Places are latitude, longitude in degrees. How close: how much of the required"
+    text += " outward to the second. How close: how much of the required"
     text += " separation is missing at most, and when; of an area of several parts, at least."
     if len(conflicts) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS} of {len(conflicts):,}; conflictdb conflicts --format csv has all."

@@ -135,6 +135,7 @@ if TYPE_CHECKING:
     from conflictdb.store.proposal_rows import (
         apply_proposal,
         proposal_basis,
+        proposed,
         put_proposal,
         undo_proposal,
     )

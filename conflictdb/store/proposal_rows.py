@@ -10,7 +10,7 @@ from psycopg.types.json import Jsonb
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Track
 from conflictdb.model.proposals import Proposal
-from conflictdb.store.connection import call, transaction
+from conflictdb.store.connection import call, call_many, transaction
 
 
 def proposal_basis(conn: psycopg.Connection[Any], scene_id: int) -> dict[str, Any]:
@@ -43,6 +43,16 @@ def put_proposal(
         return int(
             call(conn, "_put_proposal", scene_id, Jsonb(basis), *given, Jsonb(rows["moves"]), Jsonb(rows["left"]))[0]
         )
+
+
+def proposed(conn: psycopg.Connection[Any], scene: str, key: str) -> tuple[int, str, str, float, list[str]] | None:
+    """Return the last proposal, open or applied, that moves an object, and how; None if there is none.
+
+    Its id, its state, the move in one sentence and in seconds, and what changed in the scene since it was computed.
+    """
+    with transaction(conn):
+        rows = list(call_many(conn, "_proposed", scene, key))
+    return rows[0] if rows else None
 
 
 def apply_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: bool) -> int:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "834cdb13f99e34ea22ae7ab153652c5dfb4a14dfc99ec6e81a607ad3362f2532"
+routines_sha256 = "25fcc7ddd5a97e58c9cc41fb58c493c27eb66afe07f51371becd026a08066af7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -4,6 +4,7 @@ The plans are in `tasks/`: a morning in the Skagerrak, 1 December 2026. Times of
 motion, every 2 s, by separate formulas.
 """
 
+import html
 import json
 import re
 from datetime import datetime, timedelta
@@ -121,6 +122,52 @@ def test_7_who_acknowledged_what_and_why(day: Run) -> None:
     assert len(day("conflicts", "--acknowledged", "no", "--format", "json").json) == 6
 
 
+def test_8_one_page_for_the_captain(day: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times local and in UTC, places in degrees and minutes, the owner to call, what is acknowledged, the proposal."""
+    day("load", rewritten(tmp_path / "owned.geojson", EK_D_382={"owner": "Range office, +45 99 00 00 00"}))
+    day("detect")
+    day("acknowledge", "FERRY SOUTH", "FERRY NORTH", "--reason", "they see each other", "--by", "Anna")
+    proposed = day("resolve", "--within", "12h").out
+    number = re.search(r"proposal (\d+)", proposed)
+    assert number is not None
+    for ending in ("html", "pdf"):
+        done = day("report", "FERRY NORTH", tmp_path / f"brief.{ending}", "--tz", "Europe/Copenhagen")
+        assert (done.code, done.out) == (0, "")
+        assert "glyphs" not in done.err
+    text = plain(tmp_path / "brief.html")
+    for words in (
+        "Brief: FERRY NORTH (Morning ferry northbound)",
+        "1 57°37.200'N 009°57.000'E 2026-12-01 07:00:00 CET 2026-12-01 06:00:00 UTC",
+        "2026-12-01 09:19:32 to 09:21:53 CET 2026-12-01 08:19:32 to 08:21:53 UTC too close by 0.4 nmi",
+        "EK D 382 (Firing area) Range office, +45 99 00 00 00 2026-12-01 08:17:49 to 09:06:39 CET",
+        "they see each other",
+        f"Proposal {number[1]}, open: FERRY NORTH departs",
+        "It begins at 2026-12-01 11:43:00 CET = 2026-12-01 10:43:00 UTC (4 h 43 min later)",
+    ):
+        assert words in text, words
+    assert (tmp_path / "brief.pdf").read_bytes().count(b"/Type /Page\n") == 1, "one page"
+    day("delete", "SUB EAST")
+    day("report", "FERRY NORTH", tmp_path / "brief.html")
+    assert "OUT OF DATE, the scene has changed: objects that were removed" in plain(tmp_path / "brief.html")
+    monkeypatch.setenv("CONFLICTDB_UNITS", "metric")
+    day("report", "EK D 382", tmp_path / "area.html")
+    text = plain(tmp_path / "area.html")
+    assert "57.80000 N 8.90000 E" in text
+    assert re.search(r"inside by 8\.\d km", text)
+    assert "inside by 8" in day("conflicts").out
+    refused = day("report", "FERRY NORTH")
+    assert (refused.code, "report 'FERRY NORTH' FILE.pdf" in refused.err) == (4, True)
+    assert "did you mean 'FERRY NORTH'?" in day("report", "Ferry nort", tmp_path / "x.html").err
+    monkeypatch.setenv("CONFLICTDB_UNITS", "miles")
+    assert "must be nautical or metric; got 'miles'" in day("conflicts").err
+
+
+def plain(page: Path) -> str:
+    """Return the text of a page, its cells and lines parted by blanks."""
+    body = re.sub(r"<style>.*?</style>", "", page.read_text(), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", body)))
+
+
 def test_9_conflicts_as_a_calendar(run: Run) -> None:
     """For a program of calendars, in UTC."""
     run("load", *TUESDAY)
@@ -130,6 +177,27 @@ def test_9_conflicts_as_a_calendar(run: Run) -> None:
         "20261201T123233Z",
         "20261201T132034Z",
     ]
+
+
+def test_9_a_calendar_of_the_area_and_its_conflicts(run: Run) -> None:
+    """Every Tuesday from 08 to 16 Danish time but on 22 December; in UTC, which jumps with the Danish clocks."""
+    run("detect", *TUESDAY)
+    done = run("conflicts", "EK D 382", "--format", "ics")
+    assert done.code == 0, done.err
+    starts = re.findall(r"^DTSTART:(\d{8}T\d{6}Z)", done.out, re.MULTILINE)
+    ends = re.findall(r"^DTEND:(\d{8}T\d{6}Z)", done.out, re.MULTILINE)
+    assert len(starts) == 21 + 1
+    tuesday, expected = datetime(2026, 11, 3), []
+    while tuesday < datetime(2027, 4, 1):
+        if tuesday != datetime(2026, 12, 22):
+            clock = 6 if tuesday >= datetime(2027, 3, 28) else 7
+            expected.append((f"{tuesday:%Y%m%d}T0{clock}0000Z", f"{tuesday:%Y%m%d}T{clock + 8}0000Z"))
+        tuesday += timedelta(days=7)
+    assert list(zip(starts, ends, strict=True))[:-1] == expected
+    assert done.out.count("SUMMARY:EK D 382 (Firing area\\, Tuesdays): active") == 21
+    assert "with the 21 times" in done.err
+    some = run("conflicts", "EK D 382", "--format", "ics", "--from", "2026-12-02T00:00Z", "--to", "2026-12-30T00:00Z")
+    assert some.out.count("BEGIN:VEVENT") == 3, "8, 15 and 29 December"
 
 
 def test_10_meeting_places_for_a_plotter(day: Run) -> None:

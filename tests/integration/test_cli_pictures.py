@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,15 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
     ):
         done = run("plot", "--scene", "strait", *more, str(tmp_path / name))
         assert (done.code, done.out, done.err) == (0, "", "")
+    [pair] = [one for one in run("conflicts", "TOW", "--format", "json").json if one["a_key"] == "FERRY"]
+    first, last = (datetime.fromisoformat(pair[name]) for name in ("first_contact", "last_contact"))
+    contacts = [f"{one:%H:%M:%S}" for one in (first, last + timedelta(seconds=1, microseconds=-1))]
     drawn = {path.stem: path.read_text() for path in tmp_path.iterdir()}
     assert "strait: 4 areas, 7 tracks, 7 conflicts" in drawn["scene"]
     assert "Tug with a barge on a long … and Ferry: conflict" in drawn["pair"]
+    assert re.findall(r"(?:first|last) contact \d\d:\d\d:\d\d", drawn["pair"]) == [
+        f"{which} contact {clock}" for which, clock in zip(("first", "last"), contacts, strict=True)
+    ], "filled, and an empty outline"
     assert "Nature reserve, always clos… and Ferry: no conflict is known" in drawn["none"]
     names = [
         "Submarine haven, deep",

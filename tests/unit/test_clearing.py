@@ -421,7 +421,7 @@ def test_detour_clears_what_nothing_else_does() -> None:
     assert way.later_s <= 7200.0
     assert moves["FERRY"].clears == ("A", "TOW")
     assert moves["FERRY"].passes[0].side is Side.CLEAR
-    assert moves["FERRY"].text().startswith("FERRY via 0.0")
+    assert moves["FERRY"].text().startswith("FERRY via 00°0")
     assert "keeps clear of A, keeps clear of TOW by " in moves["FERRY"].text()
     changed = [moved(SCENE, one, moves[one.key]) if one.key in moves else one for one in (FERRY, TOW)]
     assert solve(changed, [area], SCENE) == []
@@ -451,7 +451,7 @@ def test_detour_across_the_date_line() -> None:
         assert all(abs(lon - 180.0) < 1.0 for lon, _ in move.detour.waypoints_deg)
         assert solve([moved(SCENE, track, move)], [area], SCENE) == []
     one = replace(move, detour=replace(move.detour, waypoints_deg=((181.0, -2.0),)))
-    assert "via 2.0000 S 179.0000 W on leg 1" in one.text()
+    assert "via 02°00.000'S 179°00.000'W on leg 1" in one.text()
 
 
 def test_weights_decide_who_moves() -> None:

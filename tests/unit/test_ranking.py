@@ -5,9 +5,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from conflictdb.core.depths import DeepestContact
-from conflictdb.core.ranking import distance_text, missing_text, worst_first
+from conflictdb.core.ranking import missing_text, worst_first
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Certainty, Conflict, Kind, Verdict
+from conflictdb.model.units import Units
 
 START = datetime(2026, 6, 1, 9, tzinfo=UTC)
 
@@ -73,6 +74,6 @@ def test_what_is_missing_in_words(moving: int, depth_m: float, separation_m: flo
 
 def test_unknown_depths_have_no_words() -> None:
     assert missing_text(2, None) == ""
-    assert [distance_text(metres) for metres in (1.25, 9.9, 10.4, 185.1, 185.2)] == [
+    assert [Units.NAUTICAL.distance(metres) for metres in (1.25, 9.9, 10.4, 185.1, 185.2)] == [
         "1.2 m", "9.9 m", "10 m", "185 m", "0.1 nmi",
     ]  # fmt: skip

@@ -14,6 +14,7 @@ ENVIRONMENT: Final = {
     "CONFLICTDB_HOME": "directory of the embedded database",
     "CONFLICTDB_PG_BIN": "the only directory to take PostgreSQL's programs from",
     "CONFLICTDB_TZ": "default of --tz, a time zone such as Europe/Copenhagen",
+    "CONFLICTDB_UNITS": "metric: distances in km, places in decimal degrees (default: nautical)",
     "CONFLICTDB_NO_DOWNLOAD": "1: never fetch PostgreSQL, use what is there",
 }
 

@@ -46,7 +46,9 @@ def add(commands: Any) -> None:
     parser.add_argument("--delays", action="store_true", help="draw which departures are free")
     add_options(parser, "--wait", "--require-current")
 
-    parser = command(commands, "report", "pictures:report", "write a report of a scene", "Needs the extra `plot`.")
+    more = "With KEY: one page for its captain or range officer. Needs the extra `plot`."
+    parser = command(commands, "report", "pictures:report", "write a report of a scene, or of a plan", more)
+    parser.add_argument("key", nargs="?", metavar="KEY", help="plan to write a brief of (default: report of the scene)")
     parser.add_argument("file", type=Path, metavar="FILE", help="report to write: .html or .pdf")
     add_scene(parser)
-    add_options(parser, "--wait", "--require-current")
+    add_options(parser, "--tz", "--wait", "--require-current")

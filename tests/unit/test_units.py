@@ -1,0 +1,29 @@
+"""Distances and places in nautical and metric units."""
+
+import pytest
+
+from conflictdb.model.units import Units
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "nautical", "metric"),
+    [
+        (8.76, 57.905, "57°54.300'N 008°45.600'E", "57.90500 N 8.76000 E"),
+        (181.0, -2.0, "02°00.000'S 179°00.000'W", "2.00000 S 179.00000 W"),
+        (-0.0001, 0.0, "00°00.000'N 000°00.006'W", "0.00000 N 0.00010 W"),
+        (9.99999999, 59.99999999, "60°00.000'N 010°00.000'E", "60.00000 N 10.00000 E"),
+        (-180.0, 90.0, "90°00.000'N 180°00.000'W", "90.00000 N 180.00000 W"),
+    ],
+)
+def test_a_place_in_degrees_and_minutes_or_decimal_degrees(lon: float, lat: float, nautical: str, metric: str) -> None:
+    assert Units.NAUTICAL.place(lon, lat) == nautical
+    assert Units.METRIC.place(lon, lat) == metric
+
+
+def test_a_distance_is_in_the_unit_that_fits_it() -> None:
+    assert [Units.METRIC.distance(m) for m in (9.94, 12.0, 99.0, 100.0, 8704.4)] == [
+        *("9.9 m", "12 m", "99 m", "0.1 km", "8.7 km"),
+    ]
+    assert [Units.NAUTICAL.least_distance(m) for m in (370.0, 371.0, 184.9, 1851.9)] == [
+        *("0.1 nmi", "0.2 nmi", "184 m", "0.9 nmi"),
+    ]
