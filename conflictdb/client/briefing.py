@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 from conflictdb import store
 from conflictdb.errors import InvalidInput
+from conflictdb.model.brief import Brief, Proposed
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.recurring_plans import expanded_area, spans_of, window_over
@@ -13,7 +14,6 @@ from conflictdb.model.units import Units
 
 if TYPE_CHECKING:
     from conflictdb.client.stored_scene import StoredScene
-    from conflictdb.plot.brief import Brief
 
 # How much later or earlier a plan may begin, at most: of a day's work.
 _WITHIN_S: Final = 43_200.0
@@ -49,8 +49,6 @@ def _moment(at_us: int | None) -> datetime | None:
 
 def brief_of(scene: "StoredScene", key: str, zone: tzinfo, units: Units) -> "Brief":
     """Return the brief of a plan as it is stored; raises InvalidInput if it is not known."""
-    from conflictdb.plot.brief import Brief, Proposed
-
     with store.transaction(scene.connection):
         plan = scene.plan(key)
         found = store.conflicts(scene.connection, scene.name, store.Selection(key=key))

@@ -1,8 +1,7 @@
 """One plan for its captain or range officer: when and where it is, whom it meets, whom to call, what is proposed."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, tzinfo
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -13,16 +12,16 @@ from conflictdb.core.depths import depths
 from conflictdb.core.ranking import facts_of, missing_text, worst_first
 from conflictdb.errors import InvalidInput, printable
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.model.brief import Brief
 from conflictdb.model.clock import Clock, rounded_delay_us
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.notebook import whole_second
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import duration_text
 from conflictdb.model.recurring_plans import spans_of
-from conflictdb.model.results import Conflict, Delays, SceneState, Verdict, labelled
+from conflictdb.model.results import Conflict, Verdict, labelled
 from conflictdb.model.schedules import schedule_of
 from conflictdb.model.schedules.words import schedule_text
-from conflictdb.model.units import Units
 from conflictdb.plot.report import check_name, rendered
 from conflictdb.plot.section import Section
 from conflictdb.plot.style import written_whole
@@ -31,44 +30,6 @@ from conflictdb.plot.style import written_whole
 _MOST_PLACES: Final = 24
 _MOST_TIMES: Final = 16
 _MOST_CONFLICTS: Final = 12
-
-
-@dataclass(frozen=True, slots=True)
-class Proposed:
-    """The move of a plan in a stored proposal.
-
-    text : the move in one sentence
-    changes : what changed in the scene since it was computed
-    """
-
-    proposal_id: int
-    state: str
-    text: str
-    delay_s: float
-    changes: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
-class Brief:
-    """What a brief is of.
-
-    activations : of an area: the spans at which it is active
-    others : the plans that it meets, by key
-    delays : when it could depart instead; None: not known
-    proposed : its move in the last proposal that has one, open or applied; None: none
-    zone : of local times; UTC: these alone
-    """
-
-    scene: Scene
-    plan: Area | Track
-    activations: Sequence[tuple[datetime | None, datetime | None]]
-    others: Mapping[str, Area | Track]
-    conflicts: Sequence[Conflict]
-    state: SceneState
-    delays: Delays | None
-    proposed: Proposed | None
-    zone: tzinfo = UTC
-    units: Units = Units.NAUTICAL
 
 
 def write(brief: Brief, file: str | Path, now: datetime | None = None) -> None:
