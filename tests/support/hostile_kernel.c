@@ -12,6 +12,10 @@
 #include "draw.h"
 #include "kernel.h"
 
+/* Functions that are called, by what they are about; all, unless a fuzzer asks for some. */
+enum { PLANES = 1, BROAD = 2, NARROW = 4, BYTES = 8 };
+static int about = PLANES | BROAD | NARROW | BYTES;
+
 /* A number that is mostly between low and high, and now and then one that nobody expects. */
 static double number(double low, double high, int64_t odd) {
     static const double ODD[] = {0.0, -0.0, NAN, INFINITY, -INFINITY, 1e308, -1e308, 5e-324, 90.0, -90.0, 180.0, 1e9};
@@ -77,7 +81,7 @@ static void pair_hulls(const double *hull, const int64_t *offset, int64_t hulls,
 /* Hulls of pieces [first, n), into arrays that have room for n pieces of so many vertices. */
 static void make_hulls(const KernelPlane *plane, const KernelPieces *pieces, int64_t first, int64_t n, double reach,
                        int64_t vertices, int64_t calls[16]) {
-    if (vertices < 0 || vertices != pieces->vertex_count) vertices = 0;
+    if (vertices < 0 || vertices > 1 << 20 || vertices != pieces->vertex_count) vertices = 0;
     double *hull = block(2 * (KERNEL_HULL_PER_VERTEX * vertices + KERNEL_HULL_MORE * n), 8);
     double *deviation = block(n, 8), *size = block(n, 8);
     int64_t *offset = block(n + 1, 8);
@@ -554,14 +558,14 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     KernelScene *scene = NULL;
     KernelStatus status = kernel_scene_make(&plane, &pieces, &scene);
     calls[status]++;
-    lay_rows(odd, calls);
-    join_triangles(odd, calls);
-    bundle_boxes(odd, calls);
-    meet_boxes(odd, calls);
-    read_polygons(odd, calls);
-    join_rings(odd, calls);
-    draw_outlines(&plane, size, odd, calls);
-    make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
+    if (about & BYTES) lay_rows(odd, calls);
+    if (about & BYTES) join_triangles(odd, calls);
+    if (about & BROAD) bundle_boxes(odd, calls);
+    if (about & BROAD) meet_boxes(odd, calls);
+    if (about & BYTES) read_polygons(odd, calls);
+    if (about & BYTES) join_rings(odd, calls);
+    if (about & BYTES) draw_outlines(&plane, size, odd, calls);
+    if (about & BROAD) make_hulls(&plane, &pieces, below(20 * odd) ? 0 : -1, n, number(0.0, 1e5, odd), offset[n], calls);
 
     int64_t *a = block(m, 8), *b = block(m, 8), *zero = block(m, 8);
     double *low = block(m, 8), *high = block(m, 8), *beyond = block(m, 8), *distance = block(m, 8);
@@ -583,24 +587,24 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     if (below(3) == 0) question.guess = some_guess;
     KernelContact *contacts = NULL;
     int64_t found = 0;
-    status = kernel_contacts(scene, &pairs, &question, &contacts, &found, &work);
-    calls[status]++;
+    if (about & NARROW) calls[kernel_contacts(scene, &pairs, &question, &contacts, &found, &work)]++;
     for (int64_t i = 0, pair = -1; i < found; pair = contacts[i++].pair) {
         if (contacts[i].pair < pair || contacts[i].pair >= m) exit(4);
         outcomes[contacts[i].verdict]++;
     }
     kernel_free(contacts);
     double *degrees = block(2 * m, 8);
-    calls[kernel_meetings(scene, &pairs, degrees)]++;
-    calls[kernel_distances(scene, &pairs, distance)]++;
+    if (about & NARROW) calls[kernel_meetings(scene, &pairs, degrees)]++;
+    if (about & NARROW) calls[kernel_distances(scene, &pairs, distance)]++;
     KernelPairs few = {m < 4 ? m : 4, a, b, zero, low, high};
-    calls[kernel_deepest(scene, &few, distance, below(50 * odd) ? beyond : NULL)]++;
-    ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
-    ask_directions(scene, &pairs, below(2) ? 0.0 : number(0.0, size, odd), calls);
-    ask_legs(&plane, odd, calls);
-    ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
-    if (below(8) == 0) ask_uses(scene, &pieces, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
-    ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
+    if (about & NARROW) calls[kernel_deepest(scene, &few, distance, below(50 * odd) ? beyond : NULL)]++;
+    if (about & BYTES) ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
+    if (about & NARROW) ask_directions(scene, &pairs, below(2) ? 0.0 : number(0.0, size, odd), calls);
+    if (about & PLANES) ask_legs(&plane, odd, calls);
+    if (about & NARROW) ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
+    if (about & NARROW && below(8) == 0)
+        ask_uses(scene, &pieces, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
+    if (about & NARROW) ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);
     double *aim = block(groups, 8);
@@ -610,19 +614,21 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     for (int64_t g = 0; g < groups; g++) wanted[g] = below(2) ? INFINITY : number(0.0, 1e7, odd);
     for (int64_t g = 0; g < groups; g++) aim[g] = below(2) ? 0.0 : number(0.0, 1e5, odd);
     KernelGroups in_groups = {groups, group_offset, wanted, aim};
-    calls[kernel_approaches(scene, &pairs, &in_groups, closest, at, apart, doubt, place_a, place_b, &work)]++;
+    if (about & NARROW)
+        calls[kernel_approaches(scene, &pairs, &in_groups, closest, at, apart, doubt, place_a, place_b, &work)]++;
     void *of_groups[] = {group_offset, closest, wanted, aim, at, apart, doubt, place_a, place_b};
     for (size_t i = 0; i < sizeof of_groups / sizeof *of_groups; i++) free(of_groups[i]);
     free(degrees);
     int64_t slots = 1;
     for (int64_t i = 0; scene && i < n; i++) slots = offset[i + 1] - offset[i] > slots ? offset[i + 1] - offset[i] : slots;
-    ask_rows(scene, n, slots, odd, calls);
+    if (about & PLANES) ask_rows(scene, n, slots, odd, calls);
     kernel_scene_free(scene);
     void *blocks[] = {offset, xy,      to, moves, turn, start, end,  leg_start, leg_end, from_deg,
                       to_deg, bearing, a,  b,     zero, low,   high, beyond,    company, distance};
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) free(blocks[i]);
 }
 
+#ifndef DRAWN_FROM_BYTES
 int main(int count, char **arguments) {
     int64_t calls[16] = {0}, outcomes[4] = {0}, rounds = count > 1 ? atoll(arguments[1]) : 1000;
     state = 88172645463325252u + (count > 2 ? (uint64_t)atoll(arguments[2]) : 0u);
@@ -632,3 +638,4 @@ int main(int count, char **arguments) {
     printf("\noutcome %lld %lld %lld\n", (long long)outcomes[0], (long long)outcomes[1], (long long)outcomes[2]);
     return 0;
 }
+#endif

@@ -1,7 +1,6 @@
 """The kernel's border: refusals, unresolved pairs, hostile arrays, and independence of the number of threads."""
 
 import ctypes
-import os
 import re
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from kernel_internals import sanitized_program
 from layouts import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload
 from mixed_scenes import plain_scene
 from patience import WAIT_S
@@ -309,30 +309,8 @@ def test_another_platform_has_another_fingerprint() -> None:
 @pytest.mark.slow  # .ci/sanitize runs it, and has built the kernel under sanitizers
 def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     """Any access outside an array (each is a block of its own), undefined operation or broken precondition ends it."""
-    sanitize = (
-        "-DKERNEL_DEBUG",
-        "-g",
-        "-O1",
-        "-fsanitize=address,undefined",
-        "-fno-sanitize-recover=all",
-    )
     driver = Path(__file__).parents[1] / "support" / "hostile_kernel.c"
-    program = tmp_path / "hostile_kernel"
-    files = [driver, *(path for path in build.sources() if path.suffix == ".c")]
-    if b"__asan_init" in build.library().read_bytes():
-        files = [driver, build.library(), f"-Wl,-rpath,{build.HERE}"]
-    flags = [flag for flag in build.FLAGS if not flag.startswith("-O")]
-    compiled = subprocess.run(
-        ["cc", *flags, *sanitize, "-o", program, *files, "-lm"],
-        env={**os.environ, "LD_PRELOAD": ""},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    if compiled.returncode:
-        assert "asan" in compiled.stderr or "ubsan" in compiled.stderr, compiled.stderr
-        pytest.skip("the compiler here has no sanitizers")
+    program = sanitized_program(tmp_path / "hostile_kernel", driver)
     done = subprocess.run([program, "2000", "1"], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     counts = [[int(number) for number in line.split()[1:]] for line in done.stdout.splitlines()]
