@@ -168,13 +168,13 @@ def _detections(
 
 
 @contextmanager
-def worker(dsn: str | None = None) -> Iterator[None]:
-    """Run a worker that keeps a database current, by default the embedded one."""
+def worker(dsn: str | None = None) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a worker that keeps a database current, by default the embedded one; yield its process."""
     where = [] if dsn is None else ["--dsn", dsn]
     command = [sys.executable, "-m", "conflictdb", *where, "worker"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
-            yield
+            yield process
         finally:
             process.terminate()
 
@@ -208,6 +208,12 @@ def backend_clock(conn: psycopg.Connection[Any]) -> Callable[[], float]:
     """Return a clock of the processor seconds of a connection's backend, on this machine."""
     running = Path(f"/proc/{conn.info.backend_pid}/schedstat")
     return lambda: int(running.read_text().split()[0]) / 1e9
+
+
+def seconds_of(pid: int) -> float:
+    """Return the processor seconds of a process on this machine."""
+    ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return sum(map(int, ticks)) / _TICKS_PER_S
 
 
 def processor_clock(conn: psycopg.Connection[Any]) -> Callable[[], float] | None:
