@@ -382,6 +382,8 @@ class _Scene:
         more = {one["object"]: one for one in given["pieces"]}
         for k, feature in enumerate(self.features):
             members, extra = feature["properties"], more.get(k, {})
+            if members.get("schedule") is None and not {"spans", "departures"}.isdisjoint(extra):
+                raise Refused(f"{feature['id']!r} has other times than its object, without a schedule")
             if self.keys.setdefault(feature["id"], k) != k:
                 raise Refused(f"two objects have the key {feature['id']!r}")
             kind = "track" if feature["geometry"]["type"] == "LineString" else "area"
@@ -452,7 +454,7 @@ class _Scene:
             bodies.append(make(self.plane, courses[i], (at[i + 1] - at[i]) / 1e6, bearing, havens[i : i + 2]))
         cuts = sorted({*(t - at[0] for t in at), *(cut for cut in extra.get("cuts", ()) if 0 < cut < lasts)})
         for departure in extra.get("departures", members.get("departures", at[:1])):
-            zero = _instant(departure, 0) + extra.get("later", 0)
+            zero = _instant(departure, 0)
             for start, end in pairwise(cuts):
                 i = bisect_right(at, at[0] + start) - 1
                 leg, span = (zero + at[i] - at[0], zero + at[i + 1] - at[0]), (zero + start, zero + end)
@@ -730,9 +732,11 @@ class Checker:
         self.contacts: dict[Any, list[Any]] = defaultdict(list)
         for line in given["proofs"]:
             if line.startswith('["'):
-                kind, p, q, *rest = json.loads(line)
+                kind, p, q, turns, *rest = json.loads(line)
+                if not isinstance(turns, int):
+                    raise Refused(f"{turns} is no whole number of turns")
                 one, other = scene.pieces[p], scene.pieces[q]
-                self.contacts[tuple(sorted((one.of, other.of)))].append((kind == "deep", one, other, *rest))
+                self.contacts[tuple(sorted((one.of, other.of)))].append((kind == "deep", one, other, turns, *rest))
             else:
                 self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
 

@@ -196,7 +196,7 @@ def _lost(rng: random.Random, parts: Parts) -> bool:
 def _contact(rng: random.Random, parts: Parts) -> bool:
     def edit(values: list[Any]) -> None:
         k = rng.randrange(1, len(values))
-        values[k] += rng.choice((-1, 1)) if k < 4 else rng.choice((1e-9, 1e-6, -1e-3, 1.0, rng.gauss(0.0, 100.0)))
+        values[k] += rng.choice((-1, 1, 0.5)) if k < 4 else rng.choice((1e-9, 1e-6, -1e-3, 1.0, rng.gauss(0.0, 100.0)))
         if rng.random() < 0.2:
             values[0] = "deep" if values[0] == "contact" else "contact"
 
@@ -256,6 +256,20 @@ def _cut(rng: random.Random, parts: Parts) -> bool:
     return True
 
 
+def _times(rng: random.Random, parts: Parts) -> bool:
+    """Give an object other times than it has, beside it."""
+    k = rng.randrange(len(parts["objects"]))
+    is_track = parts["objects"][k]["geometry"]["type"] == "LineString"
+    at = rng.choice((0, 1_772_000_000_000_000, 4 * 10**15))
+    member = {"departures": [at]} if is_track else {"spans": [[at, at + 1]]}
+    parts["pieces"] = [one for one in parts["pieces"] if one["object"] != k]
+    parts["pieces"].append({"object": k, **member, **rng.choice(({}, {"later": 10**12}))})
+    if rng.random() < 0.5:
+        key = parts["objects"][k]["id"]
+        parts["verdicts"] = [one for one in parts["verdicts"] if key not in (one["a"], one["b"])]
+    return True
+
+
 def _object(rng: random.Random, parts: Parts) -> bool:
     k = rng.randrange(len(parts["objects"]))
     one = parts["objects"][k] = copy.deepcopy(parts["objects"][k])
@@ -309,6 +323,7 @@ CHANGES: Final[tuple[tuple[str, Callable[[random.Random, Parts], bool], float], 
     ("verdict lost", _hidden, 1.0),
     ("verdict", _verdict, 0.5),
     ("cuts", _cut, 1.0),
+    ("times", _times, 0.3),
     ("object", _object, 0.03),
     ("setting", _setting, 0.03),
     ("bytes", lambda *_: True, 1.0),

@@ -96,6 +96,43 @@ def test_forged_proofs_are_refused_or_true(tmp_path: Path, scenes: int) -> None:
     assert total.tried > 150 * scenes
 
 
+def proof_of(folder: Path, *objects: Area | Track) -> forged.Parts:
+    """Return the parts of the proof of a scene of some objects."""
+    areas = [one for one in objects if isinstance(one, Area)]
+    tracks = [one for one in objects if isinstance(one, Track)]
+    certify(tracks, areas, folder / "proof", Scene("s", tolerance_m=0.0))
+    return check_proof.read((folder / "proof").read_text().splitlines(keepends=True))
+
+
+SHIP = Track("ship", [(5.0, 56.0), (5.5, 56.0)], [0, 3_600_000_000], [(-20, 99), (20, 99), (20, -99), (-20, -99)])
+
+
+@pytest.mark.parametrize("member", [{"object": 0, "spans": [[0, 1]]}, {"object": 1, "departures": [9 * 10**15]}])
+def test_other_times_than_those_of_the_objects_are_refused(tmp_path: Path, member: dict[str, object]) -> None:
+    """Spans and departures beside the objects would hide each conflict; only schedules have them."""
+    area = Area("closed", shapely.box(5.2, 55.9, 5.3, 56.1), start_us=0, end_us=7_200_000_000)
+    parts = proof_of(tmp_path, area, SHIP)
+    assert forged.outcome(parts) == "accepted"
+    hidden = {**parts, "verdicts": [], "proofs": []}
+    assert forged.outcome(hidden) == "refused"
+    with pytest.raises(check_proof.Refused, match="other times than its object, without a schedule"):
+        check_proof.Checker({**hidden, "pieces": [member]})
+
+
+def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
+    """Moved by half a turn, ships on the other side of the earth would be in contact."""
+    other = Track("other", SHIP.positions_deg - [180.0, 0.0], SHIP.times_us, SHIP.outline_m)
+    parts = proof_of(tmp_path, SHIP, other)
+    assert parts["verdicts"] == []
+    first, last = "1970-01-01T00:00:00Z", "1970-01-01T01:00:00Z"
+    verdict = {"a": "other", "b": "ship", "verdict": "conflict", "periods": [[first, last]], "time_error_s": 0.0}
+    contacts = [f'["contact", 0, 1, 0.5, {at}, {lon}, 56.0]\n' for at, lon in ((0.0, 5.0), (3600.0, 5.5))]
+    invented = {**parts, "verdicts": [verdict], "proofs": [*contacts, '["deep", 0, 1, 0.5, 9.0]\n']}
+    with pytest.raises(check_proof.Refused, match="no whole number of turns"):
+        check_proof.Checker(invented)
+    assert forged.outcome(invented) == "refused"
+
+
 @pytest.fixture
 def faulty_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A kernel that drops contacts which end as a plan does, to rounding, as it once did."""

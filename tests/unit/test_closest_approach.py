@@ -110,6 +110,28 @@ def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats,
     return found[0], found[1], found[2]
 
 
+def stays_near(given: Given, separation_m: float) -> list[bool]:
+    """Return for which pairs it is proven that they stay nearer than a distance."""
+    function, found = internals().stays_near, np.empty(len(given.a), np.uint8)
+    function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p]
+    columns = HeldPairs.arrays(given.a, given.b, given.start_us, np.zeros(len(given.a)), given.span_s)
+    held = HeldPairs.of(columns, slice(0, len(given.a)))
+    assert function(given.held.handle, ctypes.byref(held), separation_m, found.ctypes.data) == 0
+    return [bool(one) for one in found]
+
+
+def test_nearness_is_proven_up_to_half_a_radius() -> None:
+    """The comparison with a sphere that the proof uses is sound for distances of less than half of the radius."""
+    ships = [
+        scenes.track(key, [(lon, 10.0)] * 2, [0, 3600], 10.0, 10.0, 5.0, 5.0) for key, lon in (("a", 0.0), ("b", 2.0))
+    ]
+    given = Given(Scene("s", earth=EarthModel.SPHERE), [], ships)
+    radius_m = scenes.parallel_m(EarthModel.SPHERE, 0.0) * 180.0 / np.pi
+    assert stays_near(given, 0.499 * radius_m) == [True]
+    assert stays_near(given, 0.5 * radius_m) == [False]
+    assert stays_near(given, 2e5) == [False]  # they are 219 km apart
+
+
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
 @draws("pairs", 200, 1500)

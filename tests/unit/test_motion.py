@@ -142,6 +142,25 @@ def test_bounds_hold_for_a_haven_that_points_away_from_the_pole(earth: EarthMode
     assert acceleration < 1e3 * second.max(), "a bound that is of use"
 
 
+@pytest.mark.parametrize("part", [(0.0, 1.0), (0.9, 1.0), (0.98, 1.0)])
+@pytest.mark.parametrize("earth", EarthModel)
+def test_bounds_hold_for_a_haven_that_widens(earth: EarthModel, part: tuple[float, float]) -> None:
+    """From a point to a line of 2,000 km across its way north: what it has grown until then counts, early and late."""
+    rings = [[(-size, 0.0), (size, 0.0), (size, 1.0), (-size, 1.0)] for size in (1.0, 1e6)]
+    track = scenes.track("T", [(0, 55), (0, 75)], [0, 36000], 1.0, 1.0, 1.0, 1.0)
+    track = replace(track, outline_m=rings[0], outlines_m=rings)
+    _, one = legs_as_shapes(Scene("s", earth=earth), track)
+    seconds = 36000.0 * np.linspace(*part, 401)
+    at = one.take(np.zeros(401, np.int64)).positions(seconds).transpose(2, 1, 0)
+    second = (at[2:] - 2 * at[1:-1] + at[:-2]) / (seconds[1] - seconds[0]) ** 2
+    bounds = one.bounds(seconds[:1], seconds[-1:])
+    rounding = 8.0 * ROUNDING_M / (seconds[1] - seconds[0]) ** 2
+    assert np.hypot(*np.moveaxis(second, -1, 0)).max() <= bounds.acceleration[0] + rounding
+    reference = one.take(np.zeros(401, np.int64)).reference(seconds).T
+    aside = second - ((reference[2:] - 2 * reference[1:-1] + reference[:-2]) / (seconds[1] - seconds[0]) ** 2)[:, None]
+    assert np.hypot(*np.moveaxis(aside, -1, 0)).max() <= bounds.variation[0] + rounding
+
+
 def test_ways_over_the_pole_are_distorted_as_at_the_pole() -> None:
     """On the sphere: a way of 45 degrees from 80 degrees of latitude may pass the pole, where tanh(psi) is 1."""
     figure = earth_of(EarthModel.SPHERE)
