@@ -84,6 +84,37 @@ $$;
 COMMENT ON FUNCTION _proposal_of_pair(bigint, smallint, text, smallint, text) IS
 'The proposal that moved one of two objects, if that change waits for this detection; else null.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._renew_acknowledgements(
+    p_scene_id bigint, p_first_event bigint
+) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM acknowledgement k WHERE k.scene_id = p_scene_id AND k.ended_at IS NULL) THEN
+        RETURN;
+    END IF;
+    INSERT INTO acknowledgement (scene_id, conflict_id, acknowledged_by, acknowledged_at, reason, until, a_key, b_key,
+                                 periods, verdict, time_error_s, closest_m, closest_error_m, given_name)
+        SELECT k.scene_id, c.conflict_id, k.acknowledged_by, k.acknowledged_at, k.reason, k.until, k.a_key, k.b_key,
+               k.periods, k.verdict, k.time_error_s, k.closest_m, k.closest_error_m, k.given_name
+        -- The last one of the pair: a withdrawn one does not return.
+        FROM (SELECT DISTINCT ON (n.a_key, n.b_key) n.* FROM acknowledgement n WHERE n.scene_id = p_scene_id
+              ORDER BY n.a_key, n.b_key, n.acknowledgement_id DESC) k
+        JOIN conflict_event e ON e.scene_id = p_scene_id AND e.conflict_event_id >= p_first_event
+                                 AND e.kind = 'opened' AND e.a_key = k.a_key AND e.b_key = k.b_key
+        JOIN conflict c ON c.scene_id = p_scene_id AND c.a_key = e.a_key AND c.b_key = e.b_key
+                           AND c.conflict_id = e.conflict_id
+        JOIN scene s ON s.scene_id = p_scene_id
+        WHERE k.ended_at IS NULL AND k.conflict_id <> c.conflict_id AND coalesce(k.until > now(), true)
+              AND _is_alike(c.periods, k.periods, c.time_error_s + k.time_error_s)
+              AND NOT _has_grown(c.periods, c.verdict, c.time_error_s, c.closest_m, c.closest_error_m, k.periods,
+                                 k.verdict, k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
+        ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
+END
+$$;
+COMMENT ON FUNCTION _renew_acknowledgements(bigint, bigint) IS
+'Acknowledges conflicts that opened, from this event on, as their pair was acknowledged before, if their periods are '
+'the same again, and nothing is worse.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._notify_events(
     p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint
 ) RETURNS void

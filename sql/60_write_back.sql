@@ -517,6 +517,9 @@ WITH member AS MATERIALIZED (
                      conflicts = r.conflicts + v_opened - v_closed, unresolved = r.unresolved + v_unresolved
         WHERE r.run_id = _write_run.run_id;
     END IF;
+    IF v_opened > 0 THEN
+        PERFORM _renew_acknowledgements(p_scene_id, v_first_event);
+    END IF;
     IF v_first_event IS NOT NULL THEN
         PERFORM _notify_events(p_scene_id, v_scene_name, run_id, v_first_event);
     END IF;

@@ -155,7 +155,8 @@ END
 $$;
 COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz, text) IS
 'Acknowledges the conflict of two objects as it is known, with the current user, time, reason and expiry (null: valid '
-'while the conflict lasts). p_by: a name shown with the user, where several people share one. The '
+'while the conflict lasts, and when it opens again with the same periods). p_by: a name shown '
+'with the user, where several people share one. The '
 'acknowledgement does not hold while the conflict exceeds what was known: times outside its periods, a worse verdict '
 '(grazing, unresolved, conflict), or closer. '
 'Replaces an earlier acknowledgement; returns conflict_id. Without a conflict, acknowledges the alarm of both (view '
@@ -196,6 +197,22 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _acknowledger(text, text) IS
 'Who acknowledged: the given name with the database user in brackets, else the user.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._acknowledgements_ended(
+    p_scene text, p_run_id bigint
+) RETURNS TABLE (a_key text, b_key text, acknowledged_by text, reason text)
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    SELECT k.a_key, k.b_key, _acknowledger(k.acknowledged_by, k.given_name), k.reason
+    FROM conflict_event e
+    JOIN acknowledgement k ON k.scene_id = e.scene_id AND k.conflict_id = e.conflict_id AND k.ended_at IS NULL
+    WHERE e.scene_id = _scene_or_branch(p_scene) AND e.run_id = p_run_id AND e.kind = 'closed'
+          AND e.at >= (SELECT r.started_at FROM run r WHERE r.run_id = p_run_id)
+          AND coalesce(k.until > e.at, true)
+    ORDER BY k.a_key, k.b_key;
+END;
+COMMENT ON FUNCTION _acknowledgements_ended(text, bigint) IS
+'Acknowledgements that ended with the conflicts that a run closed.';
 
 CREATE OR REPLACE VIEW acknowledgements WITH (security_invoker = true) AS
 SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key,

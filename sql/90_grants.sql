@@ -171,7 +171,8 @@ GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
 GRANT UPDATE (expanded) ON scene TO conflictdb_worker;
 -- Schedules of a parent that are expanded again are no edits of it.
 GRANT UPDATE (version) ON branch_edit TO conflictdb_worker;
-GRANT DELETE ON acknowledgement, proposal TO conflictdb_worker;
+GRANT INSERT, DELETE ON acknowledgement TO conflictdb_worker;
+GRANT DELETE ON proposal TO conflictdb_worker;
 GRANT USAGE ON SEQUENCE conflict_seq, conflict_event_conflict_event_id_seq TO conflictdb_worker;
 -- Updating a row includes locking it: only workers can block the detection of a scene.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

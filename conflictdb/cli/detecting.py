@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from conflictdb.formats.conflict_ics import Activation
     from conflictdb.store import LiveConflict, LiveTrack
 
+# Acknowledgements that a remark names.
+_MOST_NAMED: Final = 10
 # Options that need files.
 _FOR_FILES: Final = (
     *("replace", "max_speed_kn", "layer", "skip_invalid", "max_file_mb", "haven", "time_zone", "map"),
@@ -72,6 +74,8 @@ def detect(args: argparse.Namespace) -> int:
                     **given(args, STORED_BY_DETECT),
                 )
             note(run_text(scene, run))
+            if run.closed:
+                _remark_ended(db.scene(scene), run.run_id)
             runs.append(run)
         found = [one.stream_conflicts(with_region=_wants_region(args, one)) for one in map(db.scene, scenes)]
         near = [db.scene(scene).stream_approaches(only_near=True) for scene in scenes]
@@ -88,6 +92,16 @@ def detect(args: argparse.Namespace) -> int:
     if args.fail_on_conflict and any(run.conflicts for run in runs):
         return CONFLICTS_FOUND
     return DONE if is_complete else LEFT_OUT
+
+
+def _remark_ended(scene: "StoredScene", run_id: int) -> None:
+    """Name the acknowledgements that ended with the conflicts that a detection closed."""
+    ended = scene.acknowledgements_ended(run_id)
+    for one in ended[:_MOST_NAMED]:
+        pair = f"{one.a_key} and {one.b_key}"
+        remark(f"{scene.name}: the acknowledgement of {pair} by {one.acknowledged_by} has ended with the conflict")
+    if len(ended) > _MOST_NAMED:
+        remark(f"{scene.name}: {len(ended) - _MOST_NAMED:,} more acknowledgements have ended with their conflicts")
 
 
 def conflicts(args: argparse.Namespace) -> int:

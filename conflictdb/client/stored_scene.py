@@ -336,6 +336,10 @@ class StoredScene:
         instant = _moment("acknowledge", "until", until)
         return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant, by)
 
+    def acknowledgements_ended(self, run_id: int) -> "list[store.EndedAcknowledgement]":
+        """Return the acknowledgements that ended with the conflicts that a run closed, by key."""
+        return store.acknowledgements_ended(self.connection, self.name, run_id)
+
     def unacknowledge(self, a_key: str, b_key: str) -> bool:
         """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged.
 

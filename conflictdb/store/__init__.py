@@ -5,7 +5,13 @@ from typing import TYPE_CHECKING
 from conflictdb.exports import exports
 
 if TYPE_CHECKING:
-    from conflictdb.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
+    from conflictdb.store.acknowledging import (
+        EndedAcknowledgement,
+        acknowledge,
+        acknowledgements_ended,
+        counted_conflicts,
+        unacknowledge,
+    )
     from conflictdb.store.admissions import (
         StoredObject,
         admission,

@@ -122,6 +122,34 @@ def test_7_who_acknowledged_what_and_why(day: Run) -> None:
     assert len(day("conflicts", "--acknowledged", "no", "--format", "json").json) == 6
 
 
+def test_7_acknowledgements_return_with_their_conflicts(day: Run, tmp_path: Path) -> None:
+    """After apply and undo; what ends is named. A withdrawn one, and one of another conflict, do not return."""
+    for key in ("FERRY NORTH", "EK D 382"):
+        day("acknowledge", "FERRY SOUTH", key, "--reason", f"reason {key}", "--by", "Anna")
+    number = str(day("resolve", "--within", "12h", "--format", "json").json["proposal_id"])
+    day("apply", number)
+    ended = day("detect").err
+    assert "the acknowledgement of FERRY NORTH and FERRY SOUTH by Anna (" in ended
+    assert ended.count("has ended with the conflict") == 2
+    day("apply", number, "--undo")
+    assert times(day("detect", "--format", "json")) == DAY
+
+    def known() -> dict[str, str]:
+        rows = day("conflicts", "--acknowledged", "yes", "--format", "json").json
+        return {row["a_key"]: row["acknowledged_for"] for row in rows}
+
+    assert known() == {"EK D 382": "reason EK D 382", "FERRY NORTH": "reason FERRY NORTH"}
+    day("acknowledge", "FERRY SOUTH", "FERRY NORTH", "--undo")
+    gone = rewritten(tmp_path / "gone.geojson", FERRY_SOUTH={"start": "2026-12-01T20:00:00Z"})
+    later = rewritten(tmp_path / "later.geojson", FERRY_SOUTH={"start": "2026-12-01T07:00:05Z"})
+    for file in (gone, later):
+        day("detect", file)
+    assert known() == {}, "five seconds later: another conflict"
+    for file in (gone, TASKS / "day.geojson"):
+        day("detect", file)
+    assert known() == {"EK D 382": "reason EK D 382"}, "the other one was withdrawn"
+
+
 def test_8_one_page_for_the_captain(day: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Times local and in UTC, places in degrees and minutes, the owner to call, what is acknowledged, the proposal."""
     day("load", rewritten(tmp_path / "owned.geojson", EK_D_382={"owner": "Range office, +45 99 00 00 00"}))

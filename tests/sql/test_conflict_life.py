@@ -227,10 +227,21 @@ def test_an_acknowledgement_holds_while_the_conflict_is_no_more_than_that(scene:
     rows(scene, acknowledged)
     put(scene, "B", (4, 8), 5.0)
     run(scene)
+    assert rows(scene, state)[-1] == ("closed",)
+    put(scene, "B", (4, 9), 0.5)
+    run(scene)
+    assert rows(scene, NOW) == [("A", "B", None)], "at other times"
+    put(scene, "B", (4, 8), 5.0)
+    run(scene)
     put(scene, "B", (4, 8), 0.5)
     run(scene)
-    assert rows(scene, NOW) == [("A", "B", None)]
-    assert rows(scene, state)[-1] == ("closed",)
+    assert rows(scene, NOW) == [("A", "B", "agreed by radio")], "the same again"
+    assert sorted(rows(scene, state))[-1] == ("holds",)
+    rows(scene, "SELECT conflictdb.unacknowledge('s', 'A', 'B')")
+    for height in (5.0, 0.5):
+        put(scene, "B", (4, 8), height)
+        run(scene)
+    assert rows(scene, NOW) == [("A", "B", None)], "withdrawn"
 
 
 @pytest.mark.parametrize(
