@@ -124,10 +124,11 @@ def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
     other = Track("other", SHIP.positions_deg - [180.0, 0.0], SHIP.times_us, SHIP.outline_m)
     parts = proof_of(tmp_path, SHIP, other)
     assert parts["verdicts"] == []
-    first, last = "1970-01-01T00:00:00Z", "1970-01-01T01:00:00Z"
-    verdict = {"a": "other", "b": "ship", "verdict": "conflict", "periods": [[first, last]], "time_error_s": 0.0}
-    contacts = [f'["contact", 0, 1, 0.5, {at}, {lon}, 56.0]\n' for at, lon in ((0.0, 5.0), (3600.0, 5.5))]
-    invented = {**parts, "verdicts": [verdict], "proofs": [*contacts, '["deep", 0, 1, 0.5, 9.0]\n']}
+    period = ["1970-01-01T00:00:00Z", "1970-01-01T00:00:01Z"]
+    verdict = {"a": "other", "b": "ship", "verdict": "conflict", "periods": [period], "time_error_s": 0.0}
+    q = next(piece.number for piece in check_proof.Checker(parts).scene.pieces if piece.of == 1)
+    contacts = [f'["contact", 0, {q}, -0.5, {at}, -175.0, 56.0]\n' for at in (0.0, 1.0)]
+    invented = {**parts, "verdicts": [verdict], "proofs": [*contacts, f'["deep", 0, {q}, -0.5, 0.5]\n']}
     with pytest.raises(check_proof.Refused, match="no whole number of turns"):
         check_proof.Checker(invented)
     assert forged.outcome(invented) == "refused"
