@@ -132,6 +132,43 @@ COMMENT ON FUNCTION _is_all_dirty(bigint) IS
 'Whether every object of a scene has a covered mark for all of its pairs: changed, new pieces stored. False for a '
 'branch, whose pairs are with its parent.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._order_of_all(p_scene_id bigint, p_objects bigint) RETURNS bytea
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET jit = off AS $$
+DECLARE
+    v_objects bytea;
+    v_is_all boolean := _parent_of(p_scene_id) IS NULL
+        AND p_objects >= (SELECT count(*) FROM (SELECT FROM area a WHERE a.scene_id = p_scene_id
+                                                UNION ALL SELECT FROM track t WHERE t.scene_id = p_scene_id
+                                                LIMIT p_objects + 1) o);
+BEGIN
+    IF v_is_all THEN
+        -- The marks are aggregated once. A lookup for each object costs as much as its key.
+        SELECT array_send(coalesce(array_agg(o.number ORDER BY o.kind, o.key COLLATE "C"), '{}')),
+               coalesce(bool_and(c.number IS NOT NULL), true)
+            INTO v_objects, v_is_all
+            FROM (SELECT 0 AS kind, _object_number(0::smallint, a.area_id) AS number, a.key
+                  FROM area a WHERE a.scene_id = p_scene_id
+                  UNION ALL
+                  SELECT 1, _object_number(1::smallint, t.track_id), t.key
+                  FROM track t WHERE t.scene_id = p_scene_id) o
+            LEFT JOIN (SELECT DISTINCT _object_number(m.object_kind, m.object_id) AS number
+                       FROM change m WHERE m.scene_id = p_scene_id AND m.with_number IS NULL) c USING (number);
+    END IF;
+    RETURN CASE WHEN v_is_all THEN v_objects END;
+END
+$$;
+COMMENT ON FUNCTION _order_of_all(bigint, bigint) IS
+'The numbers of all objects of a scene in the order of kind and key (array_send), if it has at most p_objects, and each '
+'has a mark for all of its pairs, covered or not. Otherwise, and for a branch, null.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_covered(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered);
+END;
+COMMENT ON FUNCTION _are_covered(bigint) IS
+'Whether every mark of a scene is covered: its pieces are those of its objects as the snapshot sees them.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_all(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
     OUT a_object bigint, OUT b_object bigint

@@ -94,6 +94,12 @@ class Pieces:
         return len(self.piece_id)
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        arrays = {id(array): array for array in (getattr(self, one.name) for one in fields(self))}
+        return sum(array.nbytes for array in arrays.values())
+
+    @property
     def changes(self) -> bool:
         """Whether any haven has a different outline at the end of its leg."""
         return self.shape_to_xy is not self.shape_xy

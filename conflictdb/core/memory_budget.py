@@ -17,6 +17,10 @@ _PIECE_BYTES: Final = 3_000
 _BOX_BYTES: Final = 400
 _HELD_BOX_BYTES: Final = 150
 _ROOM_FOR_BOXES: Final = 0.85
+# Pieces in hand may take this share of the room: they are copied once as their batches are joined, and while they are
+# sent a block of them is encoded.
+_ROOM_IN_HAND: Final = 1 / 3
+_SENT_BYTES: Final = 16 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +37,22 @@ class MemoryBudget:
         room = (memory_mb - _EMPTY_MB) * 2**20
         return cls(room // _PAIR_BYTES, room // _PIECE_BYTES, int(_ROOM_FOR_BOXES * room) // _BOX_BYTES)
 
+    @property
+    def hand_bytes(self) -> int:
+        """Bytes of all pieces of a scene that may stay in memory from one transaction to the next."""
+        return int(_ROOM_IN_HAND * self.pieces * _PIECE_BYTES)
+
     def beside(self, boxes: int) -> Self:
         """Return what fits if `boxes` boxes are in memory."""
-        taken = boxes * _HELD_BOX_BYTES
-        return replace(self, pairs=self.pairs - taken // _PAIR_BYTES, pieces=self.pieces - taken // _PIECE_BYTES)
+        return self._without(boxes * _HELD_BOX_BYTES)
+
+    def beside_hand(self, hand_bytes: int) -> Self:
+        """Return what fits if pieces in hand are in memory, and are sent."""
+        return self._without(hand_bytes + min(hand_bytes, _SENT_BYTES))
+
+    def _without(self, taken: int) -> Self:
+        pairs, pieces = self.pairs - taken // _PAIR_BYTES, self.pieces - taken // _PIECE_BYTES
+        return replace(self, pairs=max(pairs, 1), pieces=max(pieces, 1))
 
 
 DEFAULT_MEMORY: Final = MemoryBudget.of(MEMORY_MB)

@@ -3,9 +3,10 @@
 This module alone combines the database, where stage 1 runs, with the array code of the later stages.
 
 If few objects changed, one transaction does everything. Otherwise there are two. The first refreshes the pieces of the
-changed objects. The second sees one state of the database: it recomputes the pairs with a changed member, replaces
-their conflicts, records the run and clears the marks that the pieces cover. A crash therefore leaves the conflicts
-either all old or all new; marks made meanwhile stay.
+changed objects; if these are all objects, their pairs are solved meanwhile (`in_hand`). The second sees one state of
+the database: it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the
+marks that the pieces cover. A crash therefore leaves the conflicts either all old or all new; marks made meanwhile
+stay.
 
 Each transaction holds the scene's lock until it ends. Another detection may run between the two. The lock counts how
 often it was taken: if the second transaction does not directly follow the first, it rebuilds the pieces.
@@ -14,20 +15,23 @@ often it was taken: if the second transaction does not directly follow the first
 import logging
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
+from itertools import chain
 from typing import Any, Final, TypeAlias
 
 import psycopg
 
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import Bundles
 from conflictdb.core.funnel import Funnel, Progress
 from conflictdb.core.memory_budget import MEMORY_MB, MemoryBudget
+from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.run import run_scene
 from conflictdb.core.separations import Separations
@@ -35,6 +39,7 @@ from conflictdb.earth.registry import Setup
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.jobs import expansion, follow_attached
 from conflictdb.jobs.difference_rows import refresh_differences
+from conflictdb.jobs.in_hand import Hand, InHand, Outdated, Storing
 from conflictdb.jobs.sources import FewStored, Stored
 from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 from conflictdb.model.methods import Method
@@ -201,6 +206,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
     store.require_writable(conn)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
     begun: store.Begun | None = None
+    storing: Storing | None = None
     try:
         begun = _begin(conn, scene, full, options)
         scene_id = begun.scene_id
@@ -210,17 +216,24 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
             store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, options)
         is_first = pending.objects > options.few_objects
-        setup, record = refresh_pieces(
+        setup, record, hand = refresh_pieces(
             conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full, phase=options.phase
         )
-        if is_first:
-            with store.translated():
-                conn.commit()
-            followed = store.begin_locked(conn, scene_id, scene, options.lock_timeout_s, options.say)
-            if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != setup.scene:
-                # Another detection ran in between, or settings changed: process all remaining marks.
-                pending = _pending(conn, scene_id, options)
-                setup, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
+        is_current = True
+        if hand is not None:
+            work = partial(_store_hand, conn, scene, begun, hand, setup, record, options, full)
+            storing = Storing(conn, work)
+            in_hand = InHand(conn, scene_id, options.memory, hand, storing, Separations.of(setup.scene))
+            del hand
+            with suppress(Outdated):
+                return _refresh_conflicts(conn, in_hand.staged, in_hand, setup, record, options, started)
+            del in_hand
+            is_current = False
+        elif is_first:
+            is_current = _follow(conn, scene, begun, setup, options)
+        if not is_current:
+            pending = _pending(conn, scene_id, options)
+            setup, record, _ = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
         separations = Separations.of(setup.scene)
         source = Stored(conn, scene_id, options.memory, writing.start, separations)
@@ -228,6 +241,8 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
     except BaseException as error:
         # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
         is_removed = False
+        if storing is not None:
+            storing.stop()
         with suppress(psycopg.Error):
             cancel_thread(conn, conn.cancel_safe)
         with suppress(ConflictDBError, psycopg.Error):
@@ -306,6 +321,37 @@ def _pending(conn: psycopg.Connection[Any], scene_id: int, options: _Options) ->
     return pending
 
 
+def _follow(conn: psycopg.Connection[Any], scene: str, begun: store.Begun, setup: Setup, options: _Options) -> bool:
+    """Commit the first transaction and begin the second.
+
+    Return whether it follows directly: no other detection ran in between, and the settings are the same. Otherwise all
+    remaining marks are to be processed.
+    """
+    with store.translated():
+        conn.commit()
+    followed = store.begin_locked(conn, begun.scene_id, scene, options.lock_timeout_s, options.say)
+    return followed == begun.taken + 1 and store.read_settings(conn, begun.scene_id) == setup.scene
+
+
+def _store_hand(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    begun: store.Begun,
+    hand: Hand,
+    setup: Setup,
+    record: store.RunRecord,
+    options: _Options,
+    is_full: bool,
+    storing: Storing,
+) -> store.Staged:
+    """Store the pieces in hand, end the first transaction and begin the second; raises Outdated if anything changed."""
+    store.replace_pieces(conn, begun.scene_id, [hand.bundles], is_full=is_full, go_on=storing.go_on)
+    storing.go_on()
+    if not _follow(conn, scene, begun, setup, options) or not store.are_covered(conn, begun.scene_id):
+        raise Outdated
+    return store.begin_write(conn, begun.scene_id, record)
+
+
 def refresh_pieces(
     conn: psycopg.Connection[Any],
     scene_id: int,
@@ -316,15 +362,43 @@ def refresh_pieces(
     is_first: bool,
     is_full: bool = False,
     phase: Phase = _silent,
-) -> tuple[Setup, store.RunRecord]:
-    """Rebuild the pieces of the changed objects; return the setup of the scene and the updated record."""
+) -> tuple[Setup, store.RunRecord, Hand | None]:
+    """Rebuild the pieces of the changed objects; return the setup of the scene, the updated record, and None.
+
+    If `is_first`, and these are all pieces of the scene and fit the memory, they are not stored: they are returned.
+    """
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
     setup = Setup.of(settings)
     pieces = _changed_pieces(conn, scene_id, pending, setup, memory, phase)
-    store.replace_pieces(conn, scene_id, pieces, is_first=is_first, is_full=is_full)
+    held, hand = deque[Bundles](), None
+    if is_first:
+        room, objects = memory.hand_bytes, 0
+        for count, some in pieces:
+            held.append(some)
+            objects += count
+            room -= some.pieces.nbytes
+            if room < 0:
+                break
+        else:
+            hand = _in_hand(conn, scene_id, held, objects)
+    if hand is None:
+        # Each chunk is freed once it is sent.
+        chunks = chain((held.popleft() for _ in range(len(held))), (some for _, some in pieces))
+        store.replace_pieces(conn, scene_id, chunks, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
-    return setup, replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
+    record = replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
+    return setup, record, hand
+
+
+def _in_hand(conn: psycopg.Connection[Any], scene_id: int, held: deque[Bundles], objects: int) -> Hand | None:
+    """Take the pieces of changed objects and return them, if these are all objects of the scene; else return None."""
+    order = store.order_of_all(conn, scene_id, objects) if held else None
+    if order is None:
+        return None
+    bundles = Bundles.concatenate(held)
+    held.clear()
+    return Hand.of(bundles, order)
 
 
 def _changed_pieces(
@@ -334,8 +408,8 @@ def _changed_pieces(
     setup: Setup,
     memory: MemoryBudget,
     phase: Phase,
-) -> Iterator[Pieces]:
-    """Yield the pieces of the changed objects of a scene, in batches."""
+) -> Iterator[tuple[int, Bundles]]:
+    """Yield the pieces of the changed objects of a scene, in batches, each with the number of its objects."""
     done = 0
     phase("preparing objects", done, 0)
     no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
@@ -350,7 +424,7 @@ def _changed_pieces(
                 numbers, objects = tracks.track_id, (no_areas, tracks)
             if len(numbers):
                 pieces = pieces_of(setup, *objects)
-                yield pieces
+                yield len(numbers), bundles_of(pieces)
                 done += len(numbers)
                 phase("preparing objects", done, 0)
             if len(numbers) < most:
@@ -420,6 +494,8 @@ def _refresh_conflicts(
         funnel.add(of_chunk)
         # Free before the next chunk is allocated.
         del found, of_chunk
+    begun()
+    funnel.pieces_s += source.waited_s
     refresh_differences(
         conn,
         source.scene_id,

@@ -89,7 +89,7 @@ def write_back(
         current = store.object_states(conn, scene_id)
         same = _same(scene, current, computed)
         pending = store.pending(conn, scene_id)
-        setup, record = refresh_pieces(conn, scene_id, pending, record, MemoryBudget.of(memory_mb), is_first=False)
+        setup, record, _ = refresh_pieces(conn, scene_id, pending, record, MemoryBudget.of(memory_mb), is_first=False)
         store.cover(conn, scene_id, same)
         staged = store.begin_write(conn, scene_id, record)
         staged.known.leave(same)

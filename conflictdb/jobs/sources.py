@@ -45,7 +45,10 @@ class Stored:
 
     meanwhile : called after each read of pieces, when the database is idle until they are solved
     separations : of the scene; None: all pairs are compared
+    waited_s : seconds of waiting for pieces to be stored
     """
+
+    waited_s: float = 0.0
 
     def __init__(
         self,
@@ -81,7 +84,7 @@ class Stored:
             return
         bundles, place = self._read(ids)
         for found in joined_rows:
-            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, within_us):
+            for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs, within_us):
                 yield chunk._replace(share=found.share)
 
     @property
@@ -145,7 +148,7 @@ class FewStored(Stored):
             chunk = pairs_of_parts(met.bundles, met.place, met.a, met.b, met.parts)
             yield chunk._replace(candidate_pairs=met.candidate_pairs, stage2_s=met.stage2_s)
         elif len(met.a) < most:
-            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs, question.within_us)
+            yield from pairs_of_bundles(met.bundles, met.place, met.a, met.b, self._memory.pairs, question.within_us)
         else:
             del met
             yield from super().pairs(question)
@@ -246,7 +249,7 @@ def pairs_of_rows(found: store.Candidates, read: Read, memory: MemoryBudget, wit
     """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
     for some in _readable(found, memory.pieces):
         bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
-        yield from _pairs_of(bundles, place, some.a, some.b, memory.pairs, within_us)
+        yield from pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs, within_us)
 
 
 def pairs_of_parts(
@@ -276,7 +279,7 @@ def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
     yield from _readable(found.take(slice(middle, len(found))), most)
 
 
-def _pairs_of(
+def pairs_of_bundles(
     bundles: Bundles,
     place: NDArray[np.int64],
     a: NDArray[np.int64],

@@ -69,10 +69,12 @@ if TYPE_CHECKING:
     )
     from conflictdb.store.detections import (
         Pending,
+        are_covered,
         changed_areas,
         changed_tracks,
         cover_all,
         footprints,
+        order_of_all,
         pending,
         replace_pieces,
     )

@@ -7,7 +7,7 @@ calls:
     begin_locked; the calls of `stored_pairs`, `known_pairs` and `write_rows`; commit
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.column_numbers import NUMBERED
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.pieces.bundling import bundles_of
+from conflictdb.arrays.pieces import Bundles
 from conflictdb.model.plans import heights_of_legs
 from conflictdb.model.results import Kind
 from conflictdb.store import copy_binary
@@ -165,28 +164,43 @@ def _leg_heights(
     return heights
 
 
+def order_of_all(conn: psycopg.Connection[Any], scene_id: int, objects: int) -> NDArray[np.int64] | None:
+    """Return the numbers of all objects of a scene in the order of kind and key.
+
+    None for a branch, for a scene of more than `objects`, and if an object has no mark for all of its pairs.
+    """
+    (sent,) = call(conn, "_order_of_all", scene_id, objects)
+    return None if sent is None else copy_binary.int8_array(sent)
+
+
+def are_covered(conn: psycopg.Connection[Any], scene_id: int) -> bool:
+    """Return whether the pieces of a scene include every change that the open snapshot sees."""
+    return bool(call(conn, "_are_covered", scene_id)[0])
+
+
 def replace_pieces(
     conn: psycopg.Connection[Any],
     scene_id: int,
-    chunks: Iterable[Pieces],
+    chunks: Iterable[Bundles],
     *,
     is_first: bool = True,
     is_full: bool = False,
+    go_on: Callable[[], None] = lambda: None,
 ) -> None:
     """Replace the pieces of all changed and removed objects of a scene, and record that their marks are covered.
 
-    chunks : the pieces, consumed one chunk at a time
+    chunks : the pieces (`bundles_of`), consumed one chunk at a time
     is_first : false in the second transaction of a detection
     is_full : the pieces are those of all objects of the scene, changed or not; equal pieces stay unchanged
+    go_on : called before each block is sent; may raise
     """
     srid, is_compared = call(conn, "_begin_pieces", scene_id, is_first, is_full)
     table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"
     count = 0
-    for pieces in chunks:
-        bundles = bundles_of(pieces)
-        del pieces
+    for bundles in chunks:
         count += len(bundles)
         for rows in by_place(bundles, _PIECES_SENT):
+            go_on()
             copy_binary.send(conn, table, columns(bundles.take(rows), scene_id, srid))
         del bundles
     if is_compared:

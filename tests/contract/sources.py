@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final, Self
+from typing import Any, Final, Self, cast
 
 import piecework
 import psycopg
@@ -18,9 +18,12 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core import near
 from conflictdb.core.memory_budget import DEFAULT_MEMORY, MemoryBudget
 from conflictdb.core.near import Chunk, PairSource, Question
+from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.core.pieces.covers import pieces_of
+from conflictdb.core.separations import Separations
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import Setup, centred
+from conflictdb.jobs.in_hand import Hand, InHand, Storing
 from conflictdb.jobs.sources import FewStored, Stored
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
@@ -86,6 +89,27 @@ def in_the_database(
 
 
 @contextmanager
+def in_the_hand(
+    dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], memory: MemoryBudget = DEFAULT_MEMORY
+) -> Iterator[Opened]:
+    """All objects changed, and none is stored yet."""
+    with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
+        scene_id = piecework.load(conn, scene, list(areas), list(tracks))
+        conn.commit()
+        store.begin_snapshot(conn)
+        key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
+        key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
+        settings = store.read_settings(conn, scene_id)
+        batches = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
+        order = store.order_of_all(conn, scene_id, len(key))
+        assert order is not None
+        hand = Hand.of(bundles_of(pieces_of(Setup.of(settings), *batches)), order)
+        storing = Storing(conn, lambda _: cast(store.Staged, None))
+        yield Opened(InHand(conn, scene_id, memory, hand, storing, Separations.of(settings)), settings, key)
+        conn.rollback()
+
+
+@contextmanager
 def of_few_changes(
     dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], most_compared: int
 ) -> Iterator[Opened]:
@@ -114,6 +138,8 @@ def few_changes(conn: psycopg.Connection[Any], scene: str, most_compared: int) -
 SOURCES: Final[dict[str, Open]] = {
     "in memory": in_memory,
     "in the database": in_the_database,
+    "in hand": in_the_hand,
+    "in hand, some at a time": partial(in_the_hand, memory=MemoryBudget(pairs=7, pieces=5, boxes=0)),
     "joined by the database": partial(in_the_database, memory=replace(DEFAULT_MEMORY, boxes=0)),
     "joined by the database, some at a time": partial(in_the_database, memory=MemoryBudget(pairs=7, pieces=5, boxes=0)),
     "few changes, stage 2 in the database": partial(of_few_changes, most_compared=10**9),

@@ -17,6 +17,7 @@ from verdicts import Pair, Reported, by_pair, solved
 
 from conflictdb import store
 from conflictdb.cli.codes import FAILED
+from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.core.pieces.cutting import area_pieces
 from conflictdb.core.run import run_scene
 from conflictdb.earth.registry import Setup
@@ -190,6 +191,7 @@ class Stepped:
     def __init__(self, dsn: str) -> None:
         self.go, self.at_gate = threading.Semaphore(0), threading.Semaphore(0)
         self.error: BaseException | None = None
+        self.conn: Conn | None = None
         self.thread = threading.Thread(target=self._work, args=(dsn,), daemon=True)
 
     def start(self) -> None:
@@ -199,9 +201,9 @@ class Stepped:
 
     def _work(self, dsn: str) -> None:
         try:
-            with store.connect(dsn) as conn:
+            with store.connect(dsn) as self.conn:
                 # Two transactions, however few objects changed.
-                detect.detect(conn, SCENE.name, jobs=1, few_objects=-1)
+                detect.detect(self.conn, SCENE.name, jobs=1, few_objects=-1)
         except BaseException as error:
             self.error = error
         finally:
@@ -219,12 +221,11 @@ class Stepped:
 def stepped(dsn: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Stepped]:
     """Two detections, a and b, before their first transactions."""
     both = {name: Stepped(dsn) for name in "ab"}
-    by_thread = {one.thread: one for one in both.values()}
 
     def gated(begin: Callable[..., Any]) -> Callable[..., Any]:
         def wait(*arguments: Any) -> Any:
-            one = by_thread.get(threading.current_thread())
-            if one is not None:
+            # Another thread may begin the second transaction.
+            for one in (one for one in both.values() if one.conn is arguments[0]):
                 one.at_gate.release()
                 assert one.go.acquire(timeout=WAIT_S)
             return begin(*arguments)
@@ -338,7 +339,7 @@ def test_a_scene_waits_for_its_pieces_and_takes_them_along(conn: Conn, other: Co
     """No foreign key checks every piece: the scene itself is kept while they are written, once."""
     begin(conn, scene_id)
     pieces = area_pieces(Setup.of(SCENE), store.changed_areas(conn, scene_id))
-    store.replace_pieces(conn, scene_id, [pieces])
+    store.replace_pieces(conn, scene_id, [bundles_of(pieces)])
     removal = "DELETE FROM conflictdb.scene WHERE scene_id = %s"
     other.execute("SET LOCAL lock_timeout = '200ms'")
     with pytest.raises(psycopg.errors.LockNotAvailable):
@@ -358,7 +359,7 @@ def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn,
     other.commit()
     pieces = area_pieces(Setup.of(SCENE), store.changed_areas(conn, scene_id))
     with pytest.raises(StoreError, match="SQLSTATE 40001"):
-        store.replace_pieces(conn, scene_id, [pieces])
+        store.replace_pieces(conn, scene_id, [bundles_of(pieces)])
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.core.conflict_regions import Meetings
+from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.earth.registry import Setup
 from conflictdb.jobs.detect import detect as detect_scene
 from conflictdb.model.methods import REMOVED, Method
@@ -300,7 +301,7 @@ def refresh_rest(conn: Conn, scene_id: int) -> None:
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     assert areas.floor_m.tolist() == [-np.inf, -np.inf]  # still the snapshot's
     pieces = pieces_of(Setup.of(settings), areas, tracks)
-    store.replace_pieces(conn, scene_id, [pieces])
+    store.replace_pieces(conn, scene_id, [bundles_of(pieces)])
     conn.commit()
 
 

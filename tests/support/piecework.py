@@ -10,6 +10,7 @@ import shapely
 from conflictdb import store
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.pieces.bundling import bundles_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Scene, Track
@@ -52,7 +53,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     pieces = pieces_of(Setup.of(settings), areas, tracks)
-    store.replace_pieces(conn, scene_id, [pieces])
+    store.replace_pieces(conn, scene_id, [bundles_of(pieces)])
     conn.commit()
     return pieces
 
