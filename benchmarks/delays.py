@@ -28,6 +28,7 @@ from mixed_scenes import plain_scene
 from conflictdb import Area, Scene, Track, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core import delays
+from conflictdb.core.forbidden import delays_of_each
 from conflictdb.core.near import Memory
 from conflictdb.core.object_pairs import object_numbers
 from conflictdb.core.pieces.covers import pieces_of
@@ -161,8 +162,8 @@ def _row(name: str, made: Made, within_s: float) -> str:
     began = time.process_time()
     with patch.object(delays, "difference_parts", kernel):
         every = delays.differences_of(setup, Memory(pieces), numbers, horizon_us, waits=None)
-    for _, own in every.of_each_track():
-        delays.delays_of("", keys, own, horizon_us, leeway)
+    names, plan = [""] * len(numbers), np.searchsorted(numbers, every.track)
+    delays_of_each(names, keys, every, plan, horizon_us, [leeway] * len(numbers))
     all_s = time.process_time() - began
     found = np.concatenate(kernel.found)
     inside = found[found["state"] == DifferenceState.INNER]

@@ -21,13 +21,12 @@ from conflictdb.core.climbs import with_heights
 from conflictdb.core.memory_budget import DEFAULT_MEMORY
 from conflictdb.core.near import FOREVER_US, Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
-from conflictdb.core.to_results import moment_of
 from conflictdb.earth.geodesy import is_standing
 from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import Shifts, difference_parts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.recurring_plans import spans_of
-from conflictdb.model.results import Delays, Forbidden, Kind
+from conflictdb.model.results import Kind
 
 _Ints = NDArray[np.int64]
 # An end of the time of a piece.
@@ -398,62 +397,6 @@ def as_planned(found: Differences) -> Differences:
         inner_low=np.where(is_known, -forever, 1),
         inner_high=np.where(is_known, forever, -1),
     )
-
-
-def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int, leeway: Leeway) -> Delays:
-    """Return the delays of a track.
-
-    keys : the keys of objects by number
-    found : the differences of this track alone, perhaps none
-    leeway : of this track
-    """
-    outer, inner = found.forbidden(-horizon_us, horizon_us)
-    return Delays(
-        key,
-        tuple(
-            Forbidden(low / 1e6, high / 1e6, from_error / 1e6, to_error / 1e6, is_proven, by)
-            for low, high, from_error, to_error, is_proven, by in forbidden_by(keys, found, outer, inner)
-        ),
-        _seconds(least_later(outer, 0, leeway.last_us)),
-        _seconds(least_later(Spans(-outer.high[::-1], -outer.low[::-1]), 0, -leeway.first_us)),
-        sorted_keys(keys, found.blocking(leeway.first_us, leeway.last_us)),
-        leeway.waits,
-        leeway.has_departed,
-        leeway.first_us / 1e6,
-        leeway.last_us / 1e6,
-        departs_at=moment_of(leeway.departs_us),
-    )
-
-
-def forbidden_by(
-    keys: Mapping[int, str], found: Differences, outer: Spans, inner: Spans
-) -> Iterator[tuple[int, int, int, int, bool, tuple[str, ...]]]:
-    """Yield the intervals that are forbidden to a track, of its `Differences.forbidden`.
-
-    Each with both ends, how far outside of what is proven each end lies, whether all between these is proven, and the
-    keys of the objects that forbid it.
-    """
-    first = np.searchsorted(inner.low, outer.low)
-    last = np.searchsorted(inner.low, outer.high, side="right")
-    for k, (low, high) in enumerate(zip(outer.low.tolist(), outer.high.tolist(), strict=True)):
-        by = set(found.other[(found.low <= high) & (found.high >= low)].tolist())
-        parts = range(int(first[k]), int(last[k]))
-        begins, ends = (int(inner.low[parts[0]]), int(inner.high[parts[-1]])) if parts else (high, low)
-        yield low, high, begins - low, high - ends, len(parts) == 1, sorted_keys(keys, by)
-
-
-def least_later(forbidden: Spans, planned: int, most: int) -> int | None:
-    """Return the least value from the planned one on that is not forbidden; None if it exceeds the most.
-
-    In the unit of the spans, which are rounded outward already: after a forbidden interval, its end plus one unit.
-    """
-    k = int(np.searchsorted(forbidden.low, planned, side="right")) - 1
-    least = planned if k < 0 or forbidden.high[k] < planned else int(forbidden.high[k]) + 1
-    return least if least <= most else None
-
-
-def _seconds(us: int | None) -> float | None:
-    return None if us is None else us / 1e6
 
 
 def sorted_keys(keys: Mapping[int, str], numbers: Iterable[int]) -> tuple[str, ...]:

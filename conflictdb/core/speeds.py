@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.core import delays
+from conflictdb.core import delays, forbidden
 from conflictdb.core.climbs import with_heights
-from conflictdb.core.delays import Differences, Spans
+from conflictdb.core.delays import Differences
 from conflictdb.core.factors_within import factors_within
 from conflictdb.core.near import Memory, Question
 from conflictdb.core.pieces.covers import COVER, is_covered
@@ -115,21 +115,18 @@ def speeds_of(
 ) -> Speeds:
     """Return the speeds of a track; found: those of this track alone."""
     least, most = int(np.ceil(slowest * UNIT)), int(np.floor(fastest * UNIT))
-    outer, inner = found.forbidden(least, most)
-    forbidden = tuple(
-        ForbiddenSpeeds(low / UNIT, high / UNIT, from_error / UNIT, to_error / UNIT, is_proven, by)
-        for low, high, from_error, to_error, is_proven, by in delays.forbidden_by(keys, found, outer, inner)
-    )
-    faster = delays.least_later(outer, UNIT, most)
-    slower = delays.least_later(Spans(-outer.high[::-1], -outer.low[::-1]), -UNIT, -least)
-    blocked_by = delays.sorted_keys(keys, found.blocking(least, most))
+    every, first, last = np.zeros(len(found.low), np.int64), np.array([least]), np.array([most])
+    [own] = forbidden.answers(keys, found, every, (least, most), UNIT, first, last)
     return Speeds(
         key,
         leg,
-        forbidden,
-        None if slower is None else -slower / UNIT,
-        None if faster is None else faster / UNIT,
-        blocked_by,
+        tuple(
+            ForbiddenSpeeds(low / UNIT, high / UNIT, from_error / UNIT, to_error / UNIT, is_proven, by)
+            for low, high, from_error, to_error, is_proven, by in own.forbidden
+        ),
+        None if own.earlier is None else own.earlier / UNIT,
+        None if own.later is None else own.later / UNIT,
+        own.blocked_by,
     )
 
 

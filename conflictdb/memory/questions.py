@@ -14,7 +14,8 @@ from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core import speeds as stage_of_speeds
-from conflictdb.core.delays import FirstStops, Leeway, delays_of, differences_of, waits_of
+from conflictdb.core.delays import FirstStops, Leeway, differences_of, waits_of
+from conflictdb.core.forbidden import delays_of_each
 from conflictdb.core.funnel import Funnel
 from conflictdb.core.margins import least_margins
 from conflictdb.core.near import Memory
@@ -171,10 +172,9 @@ def delays_over(
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, known, key)
         require_one_voyage("delays", "waypoint", [track for track in known if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", options.waypoint, len(times_us) - 1) - 1])
-        found = {number: waits_of(setup, placed, number, waits_us, horizon_us)}
+        found = waits_of(setup, placed, number, waits_us, horizon_us)
         leeway = {keys[number]: Leeway.at(waits_us, horizon_us, options.now_us)}
-        rows = np.array([number], np.int64)
-        nothing = found[number].take(np.empty(0, np.int64))
+        rows, of_row = np.array([number], np.int64), np.zeros(len(found.track), np.int64)
     else:
         plans: list[Area | Track] = [*known, *(area for area in active.values() if area.key in asked)]
         leeway = {plan.key: Leeway.of(plan, horizon_us, options.now_us) for plan in plans}
@@ -183,19 +183,20 @@ def delays_over(
         if options.clear_within_m is not None and moved:
             raise InvalidInput("delays", "clear_within_m", f"is of tracks: {moved[0].key!r} is an area")
         stops = FirstStops.of(TrackBatch.of(known))
-        every = differences_of(setup, placed, rows, solved_us, waits=stops, moves_areas=bool(moved))
-        found = dict(every.of_each_track())
-        nothing = every.take(np.empty(0, np.int64))
-    answers = []
-    for number in rows.tolist():
-        own, possible = found.get(number, nothing), leeway[keys[number]]
-        answer = delays_of(keys[number], keys, own, horizon_us, possible)
-        answer = replace(answer, margin_s=options.margin.time_us / 1e6, margin_m=options.margin.distance_m)
-        if options.has_slots and answer.departs_at is not None:
-            least, most = options.window_us(possible.departs_us, possible.first_us, possible.last_us)
-            closed = closed_of(answer, own, least, most, keys, active)
-            answer = replace(answer, slots=slots_of(answer, least, most, options.best), closed=closed)
-        answers.append(answer)
+        found = differences_of(setup, placed, rows, solved_us, waits=stops, moves_areas=bool(moved))
+        by_number = np.argsort(rows)
+        of_row = by_number[np.searchsorted(rows, found.track, sorter=by_number)]
+    names = [keys[number] for number in rows.tolist()]
+    leeways = [leeway[name] for name in names]
+    margins = options.margin.time_us / 1e6, options.margin.distance_m
+    answers = delays_of_each(names, keys, found, of_row, horizon_us, leeways, margins)
+    if options.has_slots:
+        for row, (answer, possible) in enumerate(zip(answers, leeways, strict=True)):
+            if answer.departs_at is not None:
+                own = found.take(np.flatnonzero(of_row == row))
+                least, most = options.window_us(possible.departs_us, possible.first_us, possible.last_us)
+                closed = closed_of(answer, own, least, most, keys, active)
+                answers[row] = replace(answer, slots=slots_of(answer, least, most, options.best), closed=closed)
     if options.clear_within_m is None:
         return answers
     batch = TrackBatch.of(known).take(kinds_and_ids(rows)[1])

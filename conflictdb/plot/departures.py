@@ -10,7 +10,8 @@ import shapely
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.core.coordination import contact_set
-from conflictdb.core.delays import FirstStops, Leeway, delays_of, differences_of
+from conflictdb.core.delays import FirstStops, Leeway, differences_of
+from conflictdb.core.forbidden import delays_of
 from conflictdb.core.near import Memory
 from conflictdb.core.separations import Separations
 from conflictdb.errors import InvalidInput

@@ -10,7 +10,8 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.object_numbers import kinds_and_ids
-from conflictdb.core.delays import Differences, FirstStops, Leeway, delays_of
+from conflictdb.core.delays import Differences, FirstStops, Leeway
+from conflictdb.core.forbidden import delays_of
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.model.results import Delays
 from conflictdb.store import copy_binary

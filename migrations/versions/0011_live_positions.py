@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "947d5be49050ee04f0a26c46a74cfd56125edb2f96c0da902a7df2e97ee68494"
+routines_sha256 = "7c1a41b98a30c4b76607e594b6b30bbd12f47c4add64a690cb8f97696165b23e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

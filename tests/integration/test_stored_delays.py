@@ -21,7 +21,8 @@ import conflictdb
 from conflictdb import InvalidInput, connect, store
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.core import pair_differences
-from conflictdb.core.delays import Differences, Leeway, delays_of
+from conflictdb.core.delays import Differences, Leeway
+from conflictdb.core.forbidden import delays_of
 from conflictdb.core.memory_budget import MemoryBudget
 from conflictdb.core.pair_differences import PairDifferences
 from conflictdb.earth.registry import Setup
