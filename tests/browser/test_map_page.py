@@ -209,6 +209,17 @@ def test_changes_and_acknowledgements_show_without_reload(
     conn.execute("SELECT conflictdb.acknowledge('strait', 'FERRY', 'TOW', 'seen')")
     conn.commit()
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(1)
+    # In a narrow list tags have a line of their own: names keep theirs.
+    was = page.viewport_size
+    page.set_viewport_size({"width": 820, "height": 900})
+    apart = """() => [...document.querySelectorAll('.row:has(.tag)')].map((row) => {
+        const boxOf = (what) => row.querySelector(what).getBoundingClientRect();
+        const [names, tags] = ['.names', '.tags'].map(boxOf);
+        return tags.top >= names.bottom - 1 && names.right > row.getBoundingClientRect().right - 20;
+    })"""
+    wait_until(page, f"JSON.stringify(({apart})()) === '[true]'")
+    assert was is not None
+    page.set_viewport_size(was)
     conn.execute("SELECT conflictdb.unacknowledge('strait', 'FERRY', 'TOW')")
     conn.commit()
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)

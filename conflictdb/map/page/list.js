@@ -7,13 +7,22 @@ import { missingText } from "./missing.js";
 import { lasting } from "./model.js";
 import { font } from "./theme.js";
 
-const ROWS = [60, 80]; // heights of rows, pixels: of keys, and of names, one below the other
-const MORE = 6; // rows beyond the view, above and below
+const ROW_PX = 60; // height of a row; one more line each for names one below the other, and for tags
+const LINE_PX = 20;
+const MORE = 10; // rows beyond the view, above and below
 const MOST_KEYS = 24; // characters of both keys that have room in one line
 const [LEFT_PX, WHEN_PX] = [56, 84]; // beside names: their mark, and the time
 const WHEN_BESIDE = matchMedia("(min-width: 901px), (max-width: 640px)"); // as style.css has it
 const MOST_PRINTED = 500; // rows
 const TOLD_S = 0.1; // an error of times that is smaller is told of one conflict, not in the list
+
+const yearOf = ({ start }) => day(start).slice(-4);
+
+// What a row says beside its facts: [text, kind].
+function tagsOf({ isBeyond, since, change, is_current: isCurrent, acknowledged_by: by }) {
+  const what = since ?? change;
+  return [isBeyond ? ["near the pole"] : null, what ? [what, what] : null, isCurrent ? null : ["changed since"], by === null ? null : ["acknowledged"]].filter(Boolean);
+}
 
 export class List {
   constructor(container, onChoose) {
@@ -27,7 +36,7 @@ export class List {
     this.chosen = null;
     this.t = 0;
     this.order = byId("order");
-    this.height = ROWS[0];
+    this.height = ROW_PX;
     this.pen = document.createElement("canvas").getContext("2d"); // measures
     this.isPrinted = false;
     container.addEventListener("scroll", () => this.render(), { passive: true });
@@ -52,9 +61,9 @@ export class List {
     const dayOf = ({ start }) => day(start);
     const dated = conflicts.filter(({ start }) => Number.isFinite(start));
     this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
+    this.isOneYear = dated.every((c) => yearOf(c) === yearOf(dated[0]));
     this.rows.classList.toggle("dated", this.several); // a date is long: names have the first line
     this.isTall = conflicts.some((one) => areNamed(one, objects) || one.a.length + one.b.length > MOST_KEYS);
-    this.height = ROWS[Number(this.isTall)];
     this.lay();
     if (focused >= 0) this.focus(Math.min(focused, conflicts.length - 1));
   }
@@ -74,6 +83,9 @@ export class List {
   // Makes all rows anew.
   lay() {
     this.width = this.container.clientWidth || this.width || LEFT_PX + WHEN_PX;
+    this.isBeside = !this.several && WHEN_BESIDE.matches; // the time beside the names
+    const isTagged = !this.isBeside && this.conflicts.some((one) => tagsOf(one).length > 0);
+    this.height = ROW_PX + LINE_PX * (this.isTall + isTagged);
     this.rows.classList.toggle("tall", this.isTall);
     this.rows.style.setProperty("--row", `${this.height}px`);
     this.rows.replaceChildren();
@@ -153,8 +165,7 @@ export class List {
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
     ].filter(Boolean).join(" · ");
     const when = conflict.start === -Infinity ? "since ever"
-      : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
-    const change = conflict.since ?? conflict.change;
+      : !this.several ? clock(conflict.start) : this.isOneYear ? moment(conflict.start).replace(/ \d{4} /, " ") : moment(conflict.start);
     const isNamed = areNamed(conflict, this.objects);
     const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
@@ -163,11 +174,7 @@ export class List {
         element("span", { class: "when" }, when),
         element("span", { class: "facts" }, facts, isNamed ? " · " : null, isNamed ? element("span", { class: "keys" },
           element("bdi", {}, printable(conflict.a)), " and ", element("bdi", {}, printable(conflict.b))) : null),
-        element("span", { class: "tags" },
-          conflict.isBeyond ? element("span", { class: "tag" }, "near the pole") : null,
-          change ? element("span", { class: `tag ${change}` }, change) : null,
-          conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
-          conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
+        element("span", { class: "tags" }, ...tagsOf(conflict).map(([text, kind]) => element("span", { class: `tag ${kind ?? ""}` }, text)))));
     row.style.transform = `translateY(${n * this.height}px)`;
     this.mark(row, conflict);
     return row;
@@ -178,8 +185,7 @@ export class List {
     const names = namesOf(conflict, this.objects);
     this.pen.font = font("text", 600);
     const room = this.width - LEFT_PX;
-    const isBeside = !this.several && WHEN_BESIDE.matches; // the time beside the names
-    const own = room - (isBeside ? WHEN_PX : 0);
+    const own = room - (this.isBeside ? WHEN_PX : 0);
     const shown = this.isTall ? fittedPair((text) => this.pen.measureText(text).width, names, [own, own]) : names;
     const line = (n) => element("bdi", { title: shown[n] === names[n] ? null : names[n] }, shown[n]);
     return [line(0), element("span", { class: this.isTall ? "unseen" : "soft" }, " and "), line(1)];
