@@ -23,6 +23,7 @@ grows with the machine's load, too: `beat` is that of a fixed loop of Python, 0.
 """
 
 import argparse
+import ctypes
 import gc
 import json
 import math
@@ -341,8 +342,9 @@ def memory(flights: int, motion: str) -> tuple[int, float, float]:
 
 
 def resident_bytes() -> int:
-    """Return the memory of this process, after everything unused was collected."""
+    """Return the memory of this process, after everything unused was collected and returned to the system."""
     gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 

@@ -15,8 +15,11 @@ def offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
 
 def followed_by(each: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return the offsets of the rows of several arrays, one after the other."""
-    ends = offsets([one[-1] for one in each]).tolist()
-    return np.concatenate([each[0][:1], *(one[1:] + end for one, end in zip(each, ends, strict=False))])
+    rows, end = [each[0][:1]], 0
+    for one in each:
+        rows.append(one[1:] + end)
+        end += int(one[-1])
+    return np.concatenate(rows)
 
 
 def ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

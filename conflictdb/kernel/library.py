@@ -32,7 +32,7 @@ LEAST_PART: Final = 8
 FEW_VERTICES: Final = 64
 
 _T = TypeVar("_T")
-_Byte = ctypes.c_char
+_addressof, _byte_of = ctypes.addressof, ctypes.c_char.from_buffer
 
 
 @cache
@@ -70,17 +70,17 @@ class Held(ctypes.Structure):
 
     def hold(self, **arrays: Any) -> None:
         """Set pointers to arrays by name, copied if of another type or not contiguous; None and others stay NULL."""
-        self._arrays = []
-        for name, values in arrays.items():
-            if values is not None:
-                self._arrays.append(array := np.ascontiguousarray(values, self.types[name]))
-                setattr(self, name, address(array))
+        types = self.types
+        held = {name: np.ascontiguousarray(one, types[name]) for name, one in arrays.items() if one is not None}
+        self._arrays = [*held.values()]
+        for name, array in held.items():
+            setattr(self, name, address(array))
 
 
 def address(array: NDArray[Any]) -> int:
     """Return the address of the items of a contiguous array: as `array.ctypes.data`, in a quarter of the time."""
     try:
-        return ctypes.addressof(_Byte.from_buffer(array.data))
+        return _addressof(_byte_of(array.data))
     except (TypeError, ValueError):  # read-only, or empty
         return int(array.ctypes.data)
 

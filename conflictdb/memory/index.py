@@ -6,9 +6,10 @@ come too close in size are merged. A tree never changes, so questions need no lo
 """
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, fields, replace
+from itertools import compress
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
@@ -66,11 +67,12 @@ class Index:
         self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
         self._scene = scene
         self._lock = threading.Lock()
-        self._owners: dict[_Name, _Owner] = {}
+        # Owners by name, and the owner of each key: plans that are their own owners have no name.
+        self._owners: dict[str, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
         # Plans of the newest state that are in no tree yet, by key: many are cut at once.
-        self._waiting: dict[str, tuple[_Object, Plan]] = {}
+        self._waiting: dict[str, _Waiting] = {}
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
@@ -113,38 +115,37 @@ class Index:
             world.fit(*by_kind(given))
         elif mine is None:
             mine = self._cut.members(world, given)
-        names = [_Name(one.key, is_key=True) if owner is None else _Name(owner) for one in given]
         # Plans that are their own owners may state another, as in a scene.
-        stated = [one.owner if owner is None else owner for one in given]
-        owners = {name: _Owner(name, of) for name, of in zip(names, stated, strict=True)}
-        objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
-        for item in objects:
-            item.owner.keys.append(item.plan.key)
+        if owner is None:
+            new = owners = [_Owner(one.owner, [one.key], is_plan=True) for one in given]
+        else:
+            new = [_Owner(owner, [one.key for one in given])]
+            owners = new * len(given)
         with self._lock:
-            # Plans that are their own owners may take the place of several owners.
-            former = {name: self._owners[name] for name in names if name in self._owners}
-            for one, of in zip(given, stated, strict=True):
+            before = None if owner is None else self._owners.get(owner)
+            former = [] if before is None else [before]
+            for one, of in zip(given, owners, strict=True):
                 known = self._owner_of.get(one.key)
-                if known is None or (owner is not None and known.name == _Name(owner)):
+                if known is None or known is before:
                     continue
-                if not known.name.is_key or known.stated not in (None, of):
-                    rule = f"belongs to owner {known.stated!r}; got owner {of!r}: keys must be unique"
+                if not known.is_plan or known.stated not in (None, of.stated):
+                    rule = f"belongs to owner {known.stated!r}; got owner {of.stated!r}: keys must be unique"
                     raise InvalidInput(f"plan {one.key!r}", "key", rule)
                 if one.key not in replaceable:
                     rule = "belongs to a plan of the index: name it in replace to put the plan in its place"
                     raise InvalidInput(f"plan {one.key!r}", "key", rule)
-                former[known.name] = known
+                former.append(known)
             number = self._state.number + 1
-            self._forget([*former.values()], number)
-            self._owners |= owners
-            self._owner_of |= {item.plan.key: item.owner for item in objects}
+            self._forget(former, number)
+            self._remember(new)
             if mine is None:
                 self._state = self._state.without_dead(self._scene, number, self._live())
-                self._waiting |= {item.plan.key: (item, _copied(item.plan)) for item in objects}
+                for one, of in zip(given, owners, strict=True):
+                    self._waiting[one.key] = _Waiting(one, of, _copied(one))
                 if len(self._waiting) >= _WAITING:
                     self._cut_waiting()
             else:
-                added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
+                added = _Put.of(mine, given, owners)
                 self._state = self._state.with_plans(self._scene, added, number, self._live())
 
     def remove(self, owner: str) -> bool:
@@ -152,8 +153,9 @@ class Index:
         if not isinstance(owner, str):
             raise InvalidInput("remove", "owner", f"must be a text; got {owner!r:.60}")
         with self._lock:
-            names = (_Name(owner), _Name(owner, is_key=True))
-            known = [self._owners[name] for name in names if name in self._owners]
+            known = [self._owners[owner]] if owner in self._owners else []
+            if (own := self._owner_of.get(owner)) is not None and own.is_plan:
+                known.append(own)
             if not known:
                 return False
             number = self._state.number + 1
@@ -190,13 +192,13 @@ class Index:
             of = put.object_of[second].tolist()
             seen = {
                 k: one
-                for k, one in ((k, put.objects[k]) for k in set(of))
-                if state.shows(one)
-                and one.owner not in extra.instead
-                and one.plan.key not in keys
-                and (owner is None or one.owner.name != _Name(owner))
+                for k, one, its in ((k, put.plans[k], put.owners[k]) for k in set(of))
+                if state.shows(its)
+                and its not in extra.instead
+                and one.key not in keys
+                and (owner is None or its.name != owner)
             }
-            plans_of |= {one.plan.key: one.plan for one in seen.values()}
+            plans_of |= {one.key: one for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
             met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
         conflicts = conflicts_of(world.setup, met)
@@ -254,9 +256,7 @@ class Index:
         if extra.instead:
             number = self._state.number + 1
             self._forget([*extra.instead], number)
-            for owner in extra.instead.values():
-                self._owners[owner.name] = owner
-                self._owner_of |= dict.fromkeys(owner.keys, owner)
+            self._remember(extra.instead.values())
             for _, added in extra.levels:
                 self._state = self._state.with_plans(self._scene, added, number, self._live())
         self._window = window
@@ -269,72 +269,89 @@ class Index:
         """Put the plans that are in no tree into one; needs the lock."""
         waiting, self._waiting = [*self._waiting.values()], {}
         if waiting:
-            cut = Members.of_plans(World(Setup.of(self._scene)), [plan for _, plan in waiting])
-            added = _Put(cut.pieces, cut.of.astype(np.int32), [item for item, _ in waiting])
+            plans, owners, copies = (list(each) for each in zip(*waiting, strict=True))
+            added = _Put.of(Members.of_plans(World(Setup.of(self._scene)), copies), plans, owners)
             self._state = self._state.with_plans(self._scene, added, self._state.number, len(self))
+
+    def _remember(self, owners: "Iterable[_Owner]") -> None:
+        """Set the owners of names and keys."""
+        for owner in owners:
+            if owner.name is not None:
+                self._owners[owner.name] = owner
+            self._owner_of |= dict.fromkeys(owner.keys, owner)
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
         """Hide the plans of owners from the state of a number on."""
         for owner in owners:
             owner.ended = number
-            del self._owners[owner.name]
+            if owner.name is not None:
+                del self._owners[owner.name]
             for key in owner.keys:
                 del self._owner_of[key]
                 self._waiting.pop(key, None)
-
-
-class _Name(NamedTuple):
-    """The name of an owner; is_key : of a plan that is its own owner, whose name is its key."""
-
-    text: str
-    is_key: bool = False
 
 
 @dataclass(slots=True, eq=False)
 class _Owner:
     """An owner as it was put once.
 
-    stated : owner that its plans state; None: none
+    stated : its name, or the owner that its plan states
+    is_plan : whether a plan is its own owner
     ended : number of the state that no longer shows its plans
     """
 
-    name: _Name
-    stated: str | None = None
-    keys: list[str] = field(default_factory=list)
+    stated: str | None
+    keys: list[str]
+    is_plan: bool = False
     ended: int | None = None
 
+    @property
+    def name(self) -> str | None:
+        """Its name; None: a plan is its own owner."""
+        return None if self.is_plan else self.stated
 
-class _Object(NamedTuple):
+
+class _Waiting(NamedTuple):
+    """A plan that is in no tree yet; copy : as it was when it was put."""
+
     plan: Plan
     owner: _Owner
+    copy: Plan
 
 
 class _Put(NamedTuple):
-    """Some plans and their pieces; object_of : (n,) the place of each piece's plan in `objects`."""
+    """Some plans, their owners and their pieces; object_of : (n,) the place of each piece's plan in `plans`."""
 
     pieces: Pieces
     object_of: NDArray[np.int32]
-    objects: list[_Object]
+    plans: list[Plan]
+    owners: list[_Owner]
+
+    @classmethod
+    def of(cls, cut: Members, plans: list[Plan], owners: list[_Owner]) -> Self:
+        """Return plans that were cut into pieces."""
+        return cls(cut.pieces, cut.of.astype(np.int32), plans, owners)
 
     def member(self, k: int) -> Member:
-        return Member.of(self.objects[k].plan)
+        return Member.of(self.plans[k])
 
     @classmethod
     def merged(cls, puts: "Sequence[_Put]") -> "_Put":
         """Return the plans that the newest state shows."""
         parts, of = [], []
-        objects: list[_Object] = []
+        plans: list[Plan] = []
+        owners: list[_Owner] = []
         for put in puts:
-            live = [item for item in put.objects if item.owner.ended is None]
+            is_live = [owner.ended is None for owner in put.owners]
             pieces, object_of = put.pieces, put.object_of
-            if len(live) < len(put.objects):
-                is_live = np.array([item.owner.ended is None for item in put.objects], np.bool_)
-                rows = np.flatnonzero(is_live[object_of])
+            if not all(is_live):
+                rows = np.flatnonzero(np.array(is_live)[object_of])
                 pieces, object_of = pieces.take(rows), (np.cumsum(is_live) - 1)[object_of[rows]]
             parts.append(pieces)
-            of.append(object_of + len(objects))
-            objects += live
-        return cls(Pieces.concatenate(parts), np.concatenate(of).astype(np.int32), objects)
+            of.append(object_of + len(plans))
+            plans += compress(put.plans, is_live)
+            owners += compress(put.owners, is_live)
+        return cls(Pieces.concatenate(parts), np.concatenate(of).astype(np.int32), plans, owners)
 
 
 class _Level(NamedTuple):
@@ -358,9 +375,8 @@ class _State:
     number: int = 0
     levels: tuple[_Level, ...] = ()
 
-    def shows(self, item: _Object) -> bool:
-        ended = item.owner.ended
-        return ended is None or ended > self.number
+    def shows(self, owner: _Owner) -> bool:
+        return owner.ended is None or owner.ended > self.number
 
     def with_plans(self, scene: Scene, put: _Put, number: int, live: int) -> "_State":
         """Return the state of a number with more plans; live : plans that it shows."""
@@ -376,7 +392,7 @@ class _State:
     def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
         """Return the state of a number; levels are merged once half of their plans have ended."""
         puts = [level.put for level in self.levels]
-        if 2 * live >= sum(len(put.objects) for put in puts):
+        if 2 * live >= sum(len(put.plans) for put in puts):
             return _State(number, self.levels)
         return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
 
@@ -398,14 +414,15 @@ class _Extra:
     @classmethod
     def of(cls, scene: Scene, state: _State, window: Window | None) -> Self:
         """Return the plans of all owners in a state that have a schedule; raises InvalidInput."""
-        shown = [item for level in state.levels for item in level.put.objects if state.shows(item)]
-        former = {item.owner for item in shown if item.plan.schedule is not None}
+        held = (pair for _, put in state.levels for pair in zip(put.plans, put.owners, strict=True))
+        shown = [(plan, owner) for plan, owner in held if state.shows(owner)]
+        former = {owner for plan, owner in shown if plan.schedule is not None}
         if not former:
             return cls(state.number, window)
         instead = {owner: replace(owner, keys=[*owner.keys], ended=None) for owner in former}
-        objects = [_Object(item.plan, instead[item.owner]) for item in shown if item.owner in former]
-        cut = Members.of_plans(World(Setup.of(scene), window), [item.plan for item in objects])
-        added = _Put(cut.pieces, cut.of.astype(np.int32), objects)
+        plans = [plan for plan, owner in shown if owner in former]
+        owners = [instead[owner] for _, owner in shown if owner in former]
+        added = _Put.of(Members.of_plans(World(Setup.of(scene), window), plans), plans, owners)
         return cls(state.number, window, (_Level.of(scene, added),), instead)
 
 
@@ -434,20 +451,15 @@ class _LastCut(threading.local):
     def members(self, world: World, plans: Sequence[Plan]) -> Members:
         """Return plans cut into pieces, as `Members.of_plans` does."""
         asked = self._question(world, plans)
-        known = self._if_last(asked, plans)
-        if known is None:
-            known = self._members = Members.of_plans(world, plans, warns=True)
-            self._asked = asked
-        return known
+        if self._members is not None and asked == self._asked:
+            return self._members._replace(each=[Member.of(one) for one in plans])
+        self._members, self._asked = Members.of_plans(world, plans, warns=True), asked
+        return self._members
 
     def known(self, world: World, plans: Sequence[Plan]) -> Members | None:
-        """Return plans cut into pieces if they are those of the last question, or None."""
-        return None if self._members is None else self._if_last(self._question(world, plans), plans)
-
-    def _if_last(self, asked: _Question, plans: Sequence[Plan]) -> Members | None:
-        if self._members is None or asked != self._asked:
-            return None
-        return self._members._replace(each=[Member.of(one) for one in plans])
+        """Return the last question's plans cut into pieces if these are the same, or None."""
+        is_same = self._members is not None and self._question(world, plans) == self._asked
+        return self._members if is_same else None
 
     def _question(self, world: World, plans: Sequence[Plan]) -> _Question:
         window = world.window if has_schedules(plans) else None

@@ -180,7 +180,7 @@ def test_many_changes_leave_little() -> None:
     for turn in range(200):
         index.put([square(f"{k}", 2.0 * k) for k in range(8)], owner=f"{turn % 2}") if turn % 2 == 0 else None
         index.remove("0")
-    assert sum(len(level.put.objects) for level in index._state.levels) == 0
+    assert sum(len(level.put.plans) for level in index._state.levels) == 0
 
 
 def test_plans_are_put_as_they_are_then() -> None:
