@@ -48,22 +48,21 @@ HEADER: Final = """\
 #ifndef MUTANTS_H
 #define MUTANTS_H
 #define _GNU_SOURCE
-#include <stdio.h>
+#include <fcntl.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 #define _SHOWN __attribute__((weak, visibility("default")))
 _SHOWN int _kernel_mutant = -1;
-_SHOWN unsigned char _kernel_reached[{count}];
+_SHOWN unsigned char _kernel_unnoted[{count}];
+_SHOWN unsigned char *_kernel_reached = _kernel_unnoted;
 #define MUTANT(k) (_kernel_reached[k] = 1, _kernel_mutant == (k))
+/* All libraries and programs note what they reach in one file. */
 __attribute__((weak, constructor)) void _kernel_choose(void) {{
-    const char *chosen = getenv("KERNEL_MUTANT");
+    const char *chosen = getenv("KERNEL_MUTANT"), *name = getenv("KERNEL_REACHED");
     if (chosen) _kernel_mutant = atoi(chosen);
-}}
-__attribute__((weak, destructor)) void _kernel_note(void) {{
-    const char *name = getenv("KERNEL_REACHED");
-    FILE *file = name ? fopen(name, "ab") : NULL;
-    for (int k = 0; file && k < {count}; k++)
-        if (_kernel_reached[k]) fprintf(file, "%d\\n", k);
-    if (file) fclose(file);
+    int file = name ? open(name, O_RDWR) : -1;
+    void *noted = file < 0 ? MAP_FAILED : mmap(NULL, {count}, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (noted != MAP_FAILED) _kernel_reached = noted;
 }}
 #endif
 """
@@ -391,6 +390,10 @@ class KernelBench(Bench):
             list[Mutant](),
             {m.name: k for k, m in enumerate(mutants)},
         )
+        # Before the library is loaded.
+        self._noted = root / "reached"
+        self._noted.write_bytes(bytes(len(mutants)))
+        os.environ["KERNEL_REACHED"] = str(self._noted)
         super().__init__(root, self._all)
 
     def _all(self, _: Bench) -> None:
@@ -398,13 +401,12 @@ class KernelBench(Bench):
 
     def _reach(self) -> None:
         digest = hashlib.sha256("".join(one.name for one in self.mutants).encode()).hexdigest()[:16]
-        record, noted = self.root / f"reach-{digest}.json", self.root / "reached.txt"
+        record = self.root / f"reach-{digest}.json"
         known: dict[str, Any] = json.loads(record.read_text()) if record.exists() else {}
-        os.environ["KERNEL_REACHED"] = str(noted)
         started = time.perf_counter()
         for k, (name, test) in enumerate(sorted(self._tests.items()), 1):
             if name not in known:
-                known[name] = self._of(test, noted)
+                known[name] = self._of(test)
             if k % 100 == 0 or k == len(self._tests):
                 tell(f"reach: {k} of {len(self._tests)} tests, {time.perf_counter() - started:.0f} s")
                 record.write_text(json.dumps(known))
@@ -415,19 +417,14 @@ class KernelBench(Bench):
             for number in () if known[name]["fails"] else known[name]["reached"]:
                 self._by_line[self.mutants[number].name].append(name)
 
-    def _of(self, test: pytest.Item, noted: Path) -> dict[str, Any]:
+    def _of(self, test: pytest.Item) -> dict[str, Any]:
         _empty_caches()
-        arrays = [(ctypes.c_ubyte * len(self.mutants)).in_dll(one, "_kernel_reached") for one in _libraries()]
-        for array in arrays:
-            ctypes.memset(array, 0, len(self.mutants))
-        noted.unlink(missing_ok=True)
+        with self._noted.open("r+b") as file:
+            file.write(bytes(len(self.mutants)))
         began = time.process_time()
         failed = fails(test)
         seconds = time.process_time() - began
-        found = {int(line) for line in noted.read_text().split()} if noted.exists() else set()
-        for one in _libraries():
-            array = (ctypes.c_ubyte * len(self.mutants)).in_dll(one, "_kernel_reached")
-            found |= {k for k, value in enumerate(array) if value}
+        found = {k for k, value in enumerate(self._noted.read_bytes()) if value}
         return {"seconds": seconds, "reached": sorted(found), "fails": failed}
 
     def tests_of(self, mutant: Mutant) -> list[str]:

@@ -57,6 +57,19 @@ def test_any_number_of_threads_and_any_order_give_the_same_bits(workload: Worklo
     assert DifferenceState.INNER in one["state"]
 
 
+def test_a_pair_takes_few_looks() -> None:
+    """Contact is looked for where vertices pass: wherever else it is looked for, a tenth more looks are needed."""
+    looks = pairs_n = 0
+    for workload in WORKLOADS:
+        plane, pieces, pairs = batch(workload)
+        shifts, scene = shifts_of(pieces, *pairs), KernelScene(plane, pieces)
+        for reach_m in (0.0, 500.0):
+            differences(scene, shifts, reach_m, work := Work())
+            looks += work.windows
+            pairs_n += len(shifts)
+    assert looks <= 3.3 * pairs_n  # 1,790 of 552 pairs
+
+
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
 def test_a_larger_reach_gives_larger_intervals(workload: Workload) -> None:
     """Proven contact at a smaller reach lies within the outer interval of a larger one."""

@@ -73,6 +73,20 @@ def test_steps_grow_as_the_number_of_vertices_does(tmp_path: Path) -> None:
         taken.append(steps.value)
     assert taken[1] < 6 * taken[0]
     assert taken[1] < 100 * 8000
+    # Along a direction a few runs are looked at, also if all vertices of a long side differ by rounding only.
+    library.runs_least_along.restype = ctypes.c_double
+    share = np.concatenate([np.linspace(0.0, 1.0, 4000), np.linspace(1.0, 0.0, 4000)])
+    slab = np.array([[0.8, -0.6], [0.6, 0.8]]) @ np.stack([share, np.repeat([0.0, 0.1], 4000)])
+    for xy, least in ((np.stack([np.cos(angle), np.sin(angle)]), -1.0), (np.ascontiguousarray(slab), 0.0)):
+        a = Polygon(xy[0].ctypes.data, xy[1].ctypes.data, count, False, bends)
+        library.runs_make(ctypes.byref(a), ctypes.byref(b))
+        assert a.is_in_runs
+        steps.value, vertex = 0, ctypes.c_int64()
+        given = ctypes.c_double(-0.6), ctypes.c_double(0.8), ctypes.byref(a), ctypes.byref(vertex)
+        along = -0.6 * xy[0] + 0.8 * xy[1]
+        assert library.runs_least_along(*given) == pytest.approx(along.min(), abs=1e-14)
+        assert along[vertex.value] == pytest.approx(least, abs=1e-6)
+        assert steps.value < 3000  # all vertices take more than 8,000
 
 
 def test_shares_are_counted_in_vertices() -> None:
