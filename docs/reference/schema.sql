@@ -283,7 +283,8 @@ TABLE live_state (
     seen_to_s double precision,
     slack_s double precision,
     as_of timestamp with time zone NOT NULL,
-    version bigint NOT NULL
+    version bigint NOT NULL,
+    fastest_mps double precision
 );
 
 TABLE object_key (
@@ -570,7 +571,8 @@ TABLE scene (
     horizon_days double precision NOT NULL DEFAULT 366.0,
     expanded tstzrange,
     parent_scene_id bigint,
-    vertical_datum text NOT NULL DEFAULT 'msl'::text
+    vertical_datum text NOT NULL DEFAULT 'msl'::text,
+    regions text NOT NULL DEFAULT 'on'::text
 );
 
 TABLE scene_lock (
@@ -933,7 +935,8 @@ VIEW scenes (
     expanded_until timestamp with time zone,
     branch_of text COLLATE C,
     vertical_datum text,
-    compared_at timestamp with time zone
+    compared_at timestamp with time zone,
+    regions text
 );
 
 VIEW shares (
@@ -1071,6 +1074,7 @@ CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
 CONSTRAINT scene_name_valid ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double precision) AND (nearest_m < 'Infinity'::double precision)));
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
+CONSTRAINT scene_regions_known ON scene: CHECK ((regions = ANY (ARRAY['on'::text, 'off'::text])));
 CONSTRAINT scene_scene_id_in_range ON scene: CHECK (((scene_id >= 1) AND (scene_id <= '4611686018427387903'::bigint)));
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_time_separation_known ON scene: CHECK (((time_separation_s >= (0)::double precision) AND (time_separation_s <= (2592000)::double precision)));
@@ -1108,6 +1112,7 @@ CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scen
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_conflict_id_btree ON conflictdb.conflict USING btree (conflict_id) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_event_at_scene_id_btree ON conflictdb.conflict_event USING btree (at, scene_id);
+CREATE INDEX conflict_first_contact_spgist ON conflictdb.conflict USING spgist (first_contact_point) WHERE ((verdict <> 'near'::text) AND (region IS NULL));
 CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
@@ -1115,6 +1120,7 @@ CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_
 CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
 CREATE INDEX edit_scene_btree ON conflictdb.edit USING btree (scene_id, edit_id);
 CREATE INDEX live_conflict_other_btree ON conflictdb.live_conflict USING btree (scene_id, other_key);
+CREATE INDEX live_state_straying_btree ON conflictdb.live_state USING btree (scene_id) WHERE (state = ANY (ARRAY['late'::text, 'early'::text, 'off'::text, 'silent'::text]));
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX position_0_scene_id_key_instant_idx ON conflictdb.position_0 USING btree (scene_id, key, instant);
@@ -1218,6 +1224,9 @@ CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TA
 FUNCTION _acknowledge_alarm(p_scene_id bigint, p_a_key text, p_b_key text, p_reason text, p_by text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _acknowledgements_ended(p_scene text, p_run_id bigint)
+    RETURNS TABLE(a_key text, b_key text, acknowledged_by text, reason text) LANGUAGE sql STABLE PARALLEL UNSAFE;
+
 FUNCTION _acknowledger(p_user text, p_given_name text)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1288,6 +1297,9 @@ FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_rules jsonb)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _are_covered(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _are_features(p_plans jsonb)
@@ -2019,6 +2031,9 @@ FUNCTION _map_expression(p_who text, p_field text, p_relation regclass, p_text t
 FUNCTION _map_fields(p_kind smallint)
     RETURNS TABLE(field text, attribute text) LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _map_live(p_scene text)
+    RETURNS text LANGUAGE sql STABLE PARALLEL UNSAFE;
+
 FUNCTION _map_may_acknowledge()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -2166,6 +2181,9 @@ FUNCTION _open_attached_schema()
 FUNCTION _open_outline(p_outline geometry)
     RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _order_of_all(p_scene_id bigint, p_objects bigint)
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
 FUNCTION _order_reason(p_identity text)
     RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2220,6 +2238,9 @@ FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, 
 FUNCTION _pieces_of(p_row piece)
     RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _placeless_within(p_scene text, p_geometry geometry)
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2256,6 +2277,9 @@ FUNCTION _proposal_basis(p_scene_id bigint, OUT settings jsonb, OUT last_version
 FUNCTION _proposal_of_pair(p_scene_id bigint, p_a_kind smallint, p_a_key text, p_b_kind smallint, p_b_key text)
     RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _proposed(p_scene text, p_key text)
+    RETURNS TABLE(proposal_id bigint, state text, text text, delay_s double precision, changes text[]) LANGUAGE sql STABLE PARALLEL UNSAFE;
+
 FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -2280,7 +2304,7 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_live(p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[], p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[], p_height_m double precision[], p_error_m double precision[], p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[])
+FUNCTION _put_live(p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[], p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[], p_height_m double precision[], p_error_m double precision[], p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[], p_fastest_mps double precision[])
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
@@ -2336,6 +2360,9 @@ FUNCTION _release_probe(p_probe_id bigint)
 
 FUNCTION _remove_stamp(p_worker_id uuid)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _renew_acknowledgements(p_scene_id bigint, p_first_event bigint)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET jit=off;
@@ -2565,6 +2592,9 @@ FUNCTION _stored_differences(p_scene_id bigint, p_key text, p_horizon_us bigint,
 FUNCTION _stored_horizon_us(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _straying(p_scene_id bigint, OUT key text, OUT is_off boolean, OUT low_us bigint, OUT high_us bigint, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision, OUT fastest_mps double precision, OUT class text, OUT owner text)
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
+
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2778,7 +2808,7 @@ FUNCTION copy_scene(p_scene text, p_name text)
 FUNCTION create_branch(p_scene text, p_name text, p_proposal_id bigint DEFAULT NULL::bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text, p_regions text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
@@ -2812,7 +2842,7 @@ FUNCTION instant(p_text text)
     RETURNS timestamp with time zone LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION list_objects(p_scene text)
-    RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision, class text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision, class text, owner text, schedule jsonb) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION merge_branch(p_branch text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
