@@ -95,6 +95,7 @@ class Watch:
     states: Counter[str] = field(default_factory=Counter)
     compared: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
+    over: dict[str, int] = field(default_factory=dict)
     looks: int = 0
 
     def look(self, now_us: int, _: int) -> None:
@@ -109,6 +110,8 @@ class Watch:
             verdicts[pair] = verdict
             self.named.setdefault(pair, now_us)
             self.alarms.setdefault(pair, set()).add(number)
+        over = self.conn.execute("SELECT key FROM conflictdb.live WHERE state = 'past its end'").fetchall()
+        self.over = {**dict.fromkeys((key for (key,) in over), now_us), **self.over}
         self.looks += 1
         if self.looks % COMPARED_EVERY == 0:
             self._compare(now_us, verdicts)
@@ -128,12 +131,12 @@ class Watch:
                 unknown.add(plan.key)
                 continue
             copies.append(later(plan, round(1e6 * rng.uniform(low, high))))
-        really = set()
+        really, over = set(), set()
         for one in solve(copies, self.recorded.areas, self.recorded.scene("copies")):
             ends = [last for _, last in one.periods]
-            if one.verdict != "near" and any(last is None or last.timestamp() * 1e6 > now_us for last in ends):
-                really.add(frozenset((one.a_key, one.b_key)))
-        for pair in really - self.planned:
+            is_ahead = any(last is None or last.timestamp() * 1e6 > now_us for last in ends)
+            (really if is_ahead else over).add(frozenset((one.a_key, one.b_key)))
+        for pair in sorted(really - self.planned, key=sorted):
             self.compared["met"] += 1
             if pair not in verdicts:
                 self.compared["missed"] += 1
@@ -141,9 +144,10 @@ class Watch:
         for pair, verdict in verdicts.items():
             if pair & unknown or "" in pair:
                 continue
-            self.compared[f"{verdict}, {'met' if pair in really else 'not met'}"] += 1
-            if verdict == "must" and pair not in really:
-                self.wrong.append(f"must {sorted(pair)} at {now_us}")
+            outcome = "met" if pair in really else "it was over" if pair in over else "not met"
+            self.compared[f"{verdict}, {outcome}"] += 1
+            if verdict != "may" and outcome == "not met":
+                self.wrong.append(f"{verdict} {sorted(pair)} at {now_us}")
 
 
 def skagerrak() -> Recorded:
@@ -197,6 +201,7 @@ def replayed(dsn: str, recorded: Recorded) -> str:
         f"encounters that happened {len(happened):,}: {dict(outcome.most_common())}",
         f"against shifted copies: {dict(watch.compared.most_common())}",
         *(f"wrong: {one}" for one in watch.wrong[:20]),
+        *(f"late or never: {text}" for one in happened if "never" in (text := _told(watch, one)) or "after" in text),
     ]
     return "\n  ".join(lines)
 
@@ -213,7 +218,14 @@ def _outcome(watch: Watch, met: conflictdb.Conflict) -> str:
         return "alarm after"
     if any(watch.named.get(frozenset((key, "")), at_us + 1) <= at_us for key in pair):
         return "by name of a track"
-    return "never named"
+    ends_us = np.inf if met.last_contact is None else met.last_contact.timestamp() * 1e6
+    return "plan over" if any(watch.over.get(key, np.inf) <= ends_us for key in pair) else "never named"
+
+
+def _told(watch: Watch, met: conflictdb.Conflict) -> str:
+    """Return how an encounter was known, with its members, and its first and last contact."""
+    named = watch.named.get(frozenset((met.a_key, met.b_key)))
+    return f"{_outcome(watch, met)} {met.a_key} {met.b_key} {met.first_contact} {met.last_contact} {named}"
 
 
 def main() -> None:

@@ -191,6 +191,7 @@ DECLARE
                         ORDER BY r.run_id DESC LIMIT 1);
     v_removed bigint := 0;
 BEGIN
+    DELETE FROM live_event e WHERE e.scene_id = p_scene_id AND e.at <= v_until;
     IF v_run_id IS NOT NULL THEN
         -- Keep the last event of each conflict that was open then: it describes its state since.
         WITH removed AS (
@@ -224,7 +225,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune(bigint, interval) IS
-'Deletes events, ended acknowledgements, proposals and runs of a scene older than p_kept, but the last event of each '
+'Deletes events, also of alarms, ended acknowledgements, proposals and runs of a scene older than p_kept, but the last '
+'event of each '
 'conflict that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void

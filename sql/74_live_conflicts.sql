@@ -24,7 +24,7 @@ COMMENT ON FUNCTION _lateness(bigint, text[]) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._follow(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text,
-    OUT slack_us bigint, OUT by_us bigint, OUT latest_us bigint, OUT low_us bigint, OUT high_us bigint,
+    OUT slack_us bigint, OUT by_us bigint, OUT ends_us bigint[], OUT low_us bigint, OUT high_us bigint,
     OUT other_low_us bigint, OUT other_high_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan
@@ -46,10 +46,12 @@ BEGIN
     )
     SELECT f.key, f.other_key, f.other_kind,
            CASE WHEN g.slack > 0 THEN NULL
+                WHEN f.low = 0 AND f.high = 0 THEN 'planned'
                 WHEN int8range(f.low, f.high, '[]') <@ f.proven_us THEN 'must' ELSE 'may' END,
            g.slack, g.by,
-           (SELECT max(least(upper(r) - 1, f.high)) FROM unnest(f.forbidden_us) r
-            WHERE lower(r) <= f.high AND upper(r) > f.low),
+           ARRAY(SELECT DISTINCT e.by_us FROM unnest(f.forbidden_us) r
+                 CROSS JOIN LATERAL (VALUES (greatest(lower(r), f.low)), (least(upper(r) - 1, f.high))) e (by_us)
+                 WHERE lower(r) <= f.high AND upper(r) > f.low ORDER BY e.by_us DESC LIMIT 16),
            f.low_us, f.high_us, f.other_low, f.other_high
     FROM (SELECT p.*, coalesce(t.low_us, 0) AS other_low, coalesce(t.high_us, 0) AS other_high,
                  p.low_us - coalesce(t.high_us, 0) AS low, p.high_us - coalesce(t.low_us, 0) AS high
@@ -64,32 +66,39 @@ BEGIN
         SELECT greatest(lower(r) - f.high, f.low - (upper(r) - 1), 0) AS slack,
                least(greatest((f.low + f.high) / 2, lower(r), f.low), upper(r) - 1, f.high) AS by
         FROM unnest(f.forbidden_us) r
-        ORDER BY 1, abs(least(greatest((f.low + f.high) / 2, lower(r)), upper(r) - 1) - (f.low + f.high) / 2) LIMIT 1) g
-    -- Both as planned: the view conflicts has these.
-    WHERE NOT (f.low = 0 AND f.high = 0 AND g.slack = 0);
+        ORDER BY 1, abs(least(greatest((f.low + f.high) / 2, lower(r)), upper(r) - 1) - (f.low + f.high) / 2)
+        LIMIT 1) g;
 END
 $$;
 COMMENT ON FUNCTION _follow(bigint, text[]) IS
 'What the latenesses of tracks of a scene come to, for each pair with a track or area that some delay brings it into '
-'conflict with. verdict: must, if all of the possible differences are proven to conflict; may; null: no conflict, and '
-'slack_us is left. by_us: a difference in conflict, or the nearest to it; latest_us: the greatest in conflict; and the '
-'latenesses that are possible.';
+'conflict with. verdict: must, if all of the possible differences are proven to conflict; may; planned, if both are as '
+'planned, and conflict; null: no conflict, and slack_us is left. by_us: a difference in conflict, or the nearest; '
+'ends_us: the ends of those in conflict, the greatest first; and the latenesses that are possible.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._notify_alarm(
-    p_scene text, p_kind text, p_alarm_id bigint, p_key text, p_other_key text, p_verdict text
+CREATE OR REPLACE FUNCTION conflictdb_internal._note_alarm(
+    p_kind text, p_at timestamptz, p_alarm live_conflict
 ) RETURNS void
-LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
+    v_scene text := (SELECT s.name FROM scene s WHERE s.scene_id = p_alarm.scene_id AND NOT _is_protected());
     -- A payload must be shorter than 8,000 bytes.
-    v_names boolean := p_scene IS NOT NULL AND octet_length(p_scene || p_key || p_other_key) < 2000;
+    v_names boolean := v_scene IS NOT NULL
+                       AND octet_length(v_scene || p_alarm.key || p_alarm.other_key) < 2000;
 BEGIN
+    INSERT INTO live_event (scene_id, kind, at, alarm_id, key, other_key, verdict, reason, first_contact, last_contact,
+                            place)
+        VALUES (p_alarm.scene_id, p_kind, p_at, p_alarm.alarm_id, p_alarm.key, p_alarm.other_key, p_alarm.verdict,
+                p_alarm.reason, p_alarm.first_contact, p_alarm.last_contact, p_alarm.place);
     PERFORM _notify('conflictdb_alarm', jsonb_build_object(
-        'scene', CASE WHEN v_names THEN p_scene END, 'kind', p_kind, 'alarm', p_alarm_id, 'verdict', p_verdict,
-        'keys', CASE WHEN v_names THEN jsonb_build_array(p_key, nullif(p_other_key, '')) END)::text);
+        'scene', CASE WHEN v_names THEN v_scene END, 'kind', p_kind, 'alarm', p_alarm.alarm_id,
+        'verdict', p_alarm.verdict,
+        'keys', CASE WHEN v_names THEN jsonb_build_array(p_alarm.key, nullif(p_alarm.other_key, '')) END)::text);
 END
 $$;
-COMMENT ON FUNCTION _notify_alarm(text, text, bigint, text, text, text) IS
-'Notifies channel conflictdb_alarm that an alarm has begun or ended; scene and keys are null if scenes are protected.';
+COMMENT ON FUNCTION _note_alarm(text, timestamptz, live_conflict) IS
+'Records that an alarm has begun or ended, and notifies channel conflictdb_alarm; scene and keys are null if scenes are '
+'protected.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
@@ -115,22 +124,21 @@ COMMENT ON FUNCTION _open_alarms(bigint, text[]) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(p_now_us bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_one record;
+    v_now timestamptz := timestamptz 'epoch' + p_now_us * interval '1 microsecond';
+    v_one live_conflict;
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
     END IF;
     FOR v_one IN
-        DELETE FROM live_conflict c USING scene s
-            WHERE s.scene_id = c.scene_id
-              AND (c.last_contact < timestamptz 'epoch' + p_now_us * interval '1 microsecond'
-                   OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
-                              WHERE k <> ''
-                                AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
-                                AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k)))
-            RETURNING CASE WHEN NOT _is_protected() THEN s.name END AS scene, c.alarm_id, c.key, c.other_key,
-                      c.verdict LOOP
-        PERFORM _notify_alarm(v_one.scene, 'ended', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+        DELETE FROM live_conflict c
+            WHERE c.last_contact < v_now
+               OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
+                          WHERE k <> ''
+                            AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
+                            AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k))
+            RETURNING c.* LOOP
+        PERFORM _note_alarm('ended', v_now, v_one);
     END LOOP;
 END
 $$;
@@ -148,8 +156,7 @@ DECLARE
     c_instant CONSTANT timestamptz := 'epoch';
     c_us CONSTANT interval := '1 microsecond';
     v_as_of timestamptz := c_instant + p_as_of_us * c_us;
-    v_scene text := (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id AND NOT _is_protected());
-    v_one record;
+    v_one live_conflict;
 BEGIN
     UPDATE live_state l SET slack_s = (s.value)::double precision
         FROM jsonb_each_text(p_slack) s WHERE l.scene_id = p_scene_id AND l.key = s.key
@@ -157,8 +164,8 @@ BEGIN
     FOR v_one IN
         DELETE FROM live_conflict c USING jsonb_array_elements(p_ended) e
             WHERE c.scene_id = p_scene_id AND c.key = e ->> 0 AND c.other_key = e ->> 1
-            RETURNING c.alarm_id, c.key, c.other_key, c.verdict LOOP
-        PERFORM _notify_alarm(v_scene, 'ended', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+            RETURNING c.* LOOP
+        PERFORM _note_alarm('ended', v_as_of, v_one);
     END LOOP;
     FOR v_one IN
         INSERT INTO live_conflict AS c (scene_id, key, other_key, verdict, reason, first_contact, last_contact, place,
@@ -177,12 +184,12 @@ BEGIN
                                            THEN c.acknowledged_at END,
                     acknowledged_for = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
                                            THEN c.acknowledged_for END
-            RETURNING c.alarm_id, c.key, c.other_key, c.verdict LOOP
+            RETURNING c.* LOOP
         IF v_one.alarm_id = 0 THEN
             v_one.alarm_id := nextval('conflict_seq');
             UPDATE live_conflict c SET alarm_id = v_one.alarm_id
                 WHERE c.scene_id = p_scene_id AND c.key = v_one.key AND c.other_key = v_one.other_key;
-            PERFORM _notify_alarm(v_scene, 'begun', v_one.alarm_id, v_one.key, v_one.other_key, v_one.verdict);
+            PERFORM _note_alarm('begun', v_as_of, v_one);
         END IF;
     END LOOP;
 END
@@ -205,7 +212,7 @@ COMMENT ON COLUMN live_conflicts.alarm_id IS 'Number of the alarm, one for each 
 COMMENT ON COLUMN live_conflicts.key IS 'Key of the track that is late, early, off or silent, or of the first of two.';
 COMMENT ON COLUMN live_conflicts.other_key IS 'Key of the other track or area; null: whatever is near, see reason.';
 COMMENT ON COLUMN live_conflicts.verdict IS
-'must: at all latenesses that are possible; may: at some; now: it has begun and is not over.';
+'must: at all latenesses that are possible; may: at some; now: must, and it has begun and is not over.';
 COMMENT ON COLUMN live_conflicts.reason IS
 'Why nothing better is known: off its plan, a lateness that exceeds delays_within_s, no stored delays; else null.';
 COMMENT ON COLUMN live_conflicts.first_contact IS
@@ -236,6 +243,39 @@ COMMENT ON FUNCTION _live_conflicts(text) IS
 COMMENT ON COLUMN live_conflicts.acknowledged_by IS 'Who acknowledged it; null: nobody, or it got worse since.';
 COMMENT ON COLUMN live_conflicts.acknowledged_at IS 'When it was acknowledged; null: it is not.';
 COMMENT ON COLUMN live_conflicts.acknowledged_for IS 'Why; null: it is not.';
+CREATE OR REPLACE VIEW live_events WITH (security_invoker = true) AS
+SELECT s.name AS scene, e.live_event_id AS event, e.kind, e.at, e.alarm_id, e.key,
+       nullif(e.other_key, '') AS other_key, e.verdict, e.reason, e.first_contact, e.last_contact, e.place
+FROM scene s JOIN live_event e USING (scene_id);
+
+COMMENT ON VIEW live_events IS
+'History of alarms, one row when one begins and one when it ends; kept as long as conflict_events. Also an outbox to '
+'poll: WHERE event > the last one read.';
+COMMENT ON COLUMN live_events.scene IS 'Name of the scene.';
+COMMENT ON COLUMN live_events.event IS 'Id. Events become visible in order of their ids; ids may be skipped.';
+COMMENT ON COLUMN live_events.kind IS 'begun or ended.';
+COMMENT ON COLUMN live_events.at IS 'When a worker found it.';
+COMMENT ON COLUMN live_events.alarm_id IS 'Number of the alarm, as in live_conflicts.';
+COMMENT ON COLUMN live_events.key IS 'Key of a track.';
+COMMENT ON COLUMN live_events.other_key IS 'Key of the other one; null: whatever is near.';
+COMMENT ON COLUMN live_events.verdict IS 'must, may or now, at that time.';
+COMMENT ON COLUMN live_events.reason IS 'Why nothing better was known; null: it was.';
+COMMENT ON COLUMN live_events.first_contact IS 'When, as it was known; null: unknown.';
+COMMENT ON COLUMN live_events.last_contact IS 'When it would be over; null: unknown.';
+COMMENT ON COLUMN live_events.place IS 'Where; null: unknown.';
+COMMENT ON TABLE live_event IS 'Alarms that began and ended; the view live_events shows them.';
+COMMENT ON COLUMN live_event.live_event_id IS 'Id.';
+COMMENT ON COLUMN live_event.scene_id IS 'Scene.';
+COMMENT ON COLUMN live_event.kind IS 'begun or ended.';
+COMMENT ON COLUMN live_event.at IS 'When.';
+COMMENT ON COLUMN live_event.alarm_id IS 'Number of the alarm.';
+COMMENT ON COLUMN live_event.key IS 'Key of a track.';
+COMMENT ON COLUMN live_event.other_key IS 'Key of the other one; empty: whatever is near.';
+COMMENT ON COLUMN live_event.verdict IS 'now, must or may.';
+COMMENT ON COLUMN live_event.reason IS 'Why nothing better was known; null: it was.';
+COMMENT ON COLUMN live_event.first_contact IS 'When; null: unknown.';
+COMMENT ON COLUMN live_event.last_contact IS 'When it would be over; null: unknown.';
+COMMENT ON COLUMN live_event.place IS 'Where; null: unknown.';
 COMMENT ON TABLE live_conflict IS 'Alarms; the view live_conflicts shows them.';
 COMMENT ON COLUMN live_conflict.scene_id IS 'Scene.';
 COMMENT ON COLUMN live_conflict.key IS 'Key of a track.';

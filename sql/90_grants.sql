@@ -161,6 +161,7 @@ GRANT EXECUTE ON FUNCTION _writable_scenes TO conflictdb_tracker;
 GRANT TRUNCATE ON position_0, position_1, position_2, position_3, position_4, position_5, position_6, position_7
     TO conflictdb_worker;
 GRANT INSERT, UPDATE, DELETE ON live_state, live_conflict TO conflictdb_worker;
+GRANT INSERT, DELETE ON live_event TO conflictdb_worker;
 GRANT INSERT, UPDATE (seen) ON position_look TO conflictdb_worker;
 
 -- Workers write the derived tables.

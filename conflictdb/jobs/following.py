@@ -28,6 +28,9 @@ _BEYOND: Final = "its lateness exceeds delays_within_s ({:g} s)"
 _OFF: Final = "off its plan: it may be anywhere that it can reach"
 _LOST: Final = "off its plan when it was last heard of"
 
+_PLANNED: Final = "planned"
+_VERDICTS: Final = {"must": "must", _PLANNED: "must"}
+
 Pair = tuple[str, str]
 
 
@@ -40,6 +43,8 @@ def follow(
     found: dict[Pair, store.Alarm] = {}
     # The last row of a pair counts, if both of its tracks are late.
     met = {_pair(row): row for row in rows if row.verdict is not None}
+    # As planned it is no alarm, but one that has begun has no slack yet.
+    met = {pair: row for pair, row in met.items() if row.verdict != _PLANNED or pair in former}
     plans = _plans(conn, scene_id, settings, {key for row in met.values() for key in (row.key, row.other_key)})
     found |= _alarms(settings, plans, met, None, now_us)
     off = [key for key, state in states.items() if state.state == OFF]
@@ -94,24 +99,24 @@ def _alarms(
 ) -> dict[Pair, store.Alarm]:
     """Return the alarms of pairs that meet at some lateness, without those whose contacts are over.
 
-    Each at the difference in conflict, the first track late by about the middle; if that contact is over, at the
-    latest.
+    Each at the difference in conflict, the first track late by about the middle; if that contact is over, at an end of
+    the differences in conflict, the first track as late as possible.
     """
     place = {one.key: k for k, one in enumerate(plans.each)}
-    found, over = {}, {}
-    middle = {pair: (row.by_us, (row.low_us + row.high_us) // 2) for pair, row in rows.items()}
-    for pair, conflict in _conflicts(settings, plans, place, rows, middle).items():
-        alarm = _alarm(conflict, rows[pair].verdict or "may", reason, now_us)
-        if alarm is not None:
-            found[pair] = alarm
-        elif (latest_us := rows[pair].latest_us) is not None:
-            over[pair] = latest_us, rows[pair].high_us
-    for pair, conflict in _conflicts(settings, plans, place, rows, over).items():
-        alarm = _alarm(conflict, "may", reason, now_us)
-        if alarm is not None:
-            found[pair] = alarm._replace(verdict="may")
-    if reason is not None:
-        return {pair: alarm._replace(verdict="may") for pair, alarm in found.items()}
+    found: dict[Pair, store.Alarm] = {}
+    tried = {pair: (row.by_us, (row.low_us + row.high_us) // 2) for pair, row in rows.items()}
+    ends = {pair: list(row.ends_us) for pair, row in rows.items()}
+    is_first = True
+    while tried:
+        for pair, conflict in _conflicts(settings, plans, place, rows, tried).items():
+            verdict = rows[pair].verdict or "may"
+            alarm = _alarm(
+                conflict, _VERDICTS.get(verdict, "may") if is_first and not reason else "may", reason, now_us
+            )
+            if alarm is not None:
+                found[pair] = alarm
+        tried = {pair: (ends[pair].pop(0), rows[pair].high_us) for pair in tried if pair not in found and ends[pair]}
+        is_first = False
     return found
 
 
@@ -145,7 +150,7 @@ def _alarm(conflict: Conflict | None, verdict: str, reason: str | None, now_us: 
     if spans and not ahead:
         return None
     first_us, last_us = ahead[0] if ahead else (None, None)
-    if first_us is not None and first_us <= now_us:
+    if first_us is not None and first_us <= now_us and verdict == "must":
         verdict = "now"
     return store.Alarm(verdict, reason, first_us, last_us, conflict.first_contact_deg)
 

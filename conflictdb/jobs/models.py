@@ -374,6 +374,25 @@ class LiveConflictRow(Base):
     acknowledged_for: Mapped[str | None]
 
 
+class LiveEventRow(Base):
+    """An alarm that began or ended: a row of the view `live_events`."""
+
+    __tablename__ = "live_events"
+
+    scene: Mapped[str]
+    event: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    at: Mapped[datetime]
+    alarm_id: Mapped[int]
+    key: Mapped[str]
+    other_key: Mapped[str | None]
+    verdict: Mapped[str]
+    reason: Mapped[str | None]
+    first_contact: Mapped[datetime | None]
+    last_contact: Mapped[datetime | None]
+    place: Mapped[WKBElement | None] = mapped_column(_geometry("POINT"))
+
+
 class EditRow(Base):
     """An edit of a plan, rule or scene: a row of the view `edits`."""
 

@@ -115,9 +115,10 @@ def _following(plans: Members, found: Differences, low_us: _Ints, high_us: _Ints
     pairs = []
     for k in order[first].tolist():
         a, b = int(track[k]), int(other[k])
-        latest = int(least[(track == a) & (other == b)].min())
-        ends = (0, 0, int(low_us[b]), int(high_us[b]))
-        pairs.append(store.Following(each[a].key, each[b].key, each[b].kind.code, "may", 0, int(by[k]), latest, *ends))
+        rows = (track == a) & (other == b)
+        ends = np.unique([least[rows], most[rows]]).tolist()
+        late = (0, 0, int(low_us[b]), int(high_us[b]))
+        pairs.append(store.Following(each[a].key, each[b].key, each[b].kind.code, "may", 0, int(by[k]), ends, *late))
     return pairs
 
 

@@ -75,7 +75,7 @@ class Following(NamedTuple):
     verdict: str | None
     slack_us: int
     by_us: int
-    latest_us: int | None
+    ends_us: list[int]
     low_us: int
     high_us: int
     other_low_us: int

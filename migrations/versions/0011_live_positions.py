@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7c1a41b98a30c4b76607e594b6b30bbd12f47c4add64a690cb8f97696165b23e"
+routines_sha256 = "623f78be86a11ca001d697c4f48e54d76d1821dc69151b8aaa33bb21165f3efc"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -116,6 +116,29 @@ CREATE INDEX IF NOT EXISTS conflict_first_contact_spgist ON conflictdb.conflict 
     WHERE verdict <> 'near' AND region IS NULL
 """
 
+# Not rows of conflict_event: looks take no scene's lock, which keeps the ids of those in order. One session looks at a
+# time, which keeps the ids of these in order.
+LIVE_EVENT = """
+CREATE TABLE IF NOT EXISTS conflictdb.live_event (
+    live_event_id bigint GENERATED ALWAYS AS IDENTITY CONSTRAINT live_event_pkey PRIMARY KEY,
+    scene_id bigint NOT NULL CONSTRAINT live_event_scene_fkey REFERENCES conflictdb.scene ON DELETE CASCADE,
+    kind text NOT NULL,
+    at timestamptz NOT NULL,
+    alarm_id bigint NOT NULL,
+    key text COLLATE "C" NOT NULL,
+    other_key text COLLATE "C" NOT NULL,
+    verdict text NOT NULL,
+    reason text,
+    first_contact timestamptz,
+    last_contact timestamptz,
+    place geometry(Point, 4326),
+    CONSTRAINT live_event_kind_known CHECK (kind IN ('begun', 'ended'))
+)
+"""
+LIVE_EVENT_SCENE = """
+CREATE INDEX IF NOT EXISTS live_event_scene_id_btree ON conflictdb.live_event (scene_id, live_event_id)
+"""
+
 STATEMENTS: tuple[str, ...] = (
     POSITION,
     *PARTITIONS,
@@ -125,6 +148,8 @@ STATEMENTS: tuple[str, ...] = (
     LIVE_STATE_STRAYING,
     LIVE_CONFLICT,
     LIVE_CONFLICT_OTHER,
+    LIVE_EVENT,
+    LIVE_EVENT_SCENE,
     REGIONS,
     CONFLICT_PLACE,
 )

@@ -83,6 +83,36 @@ def test_a_late_ferry_meets_the_tow(conn: Conn) -> None:
     assert look(conn, 29.5) == {}
 
 
+def test_alarms_that_began_and_ended_are_recorded_and_pruned(conn: Conn) -> None:
+    """With the pair and its verdict, in order; as long as other history."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    for minute, lon in ((28, 18 / 60), (29, 19 / 60), (29.5, 29.5 / 60), (29.9, 19.9 / 60)):
+        put(conn, "FERRY", minute, lon, 0)
+        look(conn, minute)
+    rows = conn.execute("SELECT kind, alarm_id, key, other_key, verdict FROM conflictdb.live_events ORDER BY event")
+    kinds, numbers, *_ = zip(*(found := rows.fetchall()), strict=True)
+    assert kinds == ("begun", "ended", "begun")
+    assert numbers[0] == numbers[1] != numbers[2]
+    assert {row[2:] for row in found} == {("FERRY", "TOW", "must")}
+    conn.execute("SELECT conflictdb.prune_history('s', '0')")
+    assert conn.execute("SELECT count(*) FROM conflictdb.live_events").fetchone() == (0,)
+
+
+def test_an_alarm_of_a_pair_that_conflicts_as_planned_is_one_while_it_has_no_slack(conn: Conn) -> None:
+    """The ferry is in turn late by a little, which conflicts, too, and on plan."""
+    detected(
+        conn, [crossing("FERRY", 0, north=False, side=4000.0), crossing("TOW", 0, north=True, side=4000.0)],
+        delays_within_s=3600,
+    )  # fmt: skip
+    numbers = []
+    for n, late_min in enumerate((0, 4, 0, 4, 0)):
+        put(conn, "FERRY", 24 + n, (24 + n - late_min) / 60, 0)
+        numbers.append([row[-1] for row in look(conn, 24 + n).values()])
+    assert numbers[0] == []
+    assert len(numbers[1]) == 1
+    assert numbers[1] == numbers[2] == numbers[3] == numbers[4]
+
+
 def test_what_cannot_be_looked_up_is_may_by_name(conn: Conn) -> None:
     plans = [crossing("A", 0, north=False), crossing("B", 0, north=True), crossing("C", -60, north=False)]
     detected(conn, plans)

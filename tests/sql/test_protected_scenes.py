@@ -50,7 +50,7 @@ INSERT INTO conflictdb.position (scene, key, instant, place)
 """
 LIVE = """
 SELECT conflictdb_internal._put_live(s.scene_id, 0, '{T}', '{off}', '{NULL}', '{NULL}', '{9}', '{0}', '{0}', '{0}',
-                                     '{NULL}', '{10}', '{NULL}', '{NULL}', '{1}')
+                                     '{NULL}', '{10}', '{NULL}', '{NULL}', '{1}', '{8}')
 FROM conflictdb.scene s WHERE s.name = 'hers';
 SELECT conflictdb_internal._put_alarms(s.scene_id, 0, '{T}', '{""}', '{may}', '{off}', '{NULL}', '{NULL}', '{NULL}',
                                        '{NULL}', '[]', '{}') FROM conflictdb.scene s WHERE s.name = 'hers';
