@@ -20,6 +20,7 @@ from conflictdb.model.tolerances import as_members, tolerances_of
 # No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
 _UNBOUNDED_US: Final = np.array([MINUS_INFINITY_US, INFINITY_US])
+_ALL_BUT_LAST, _NEXT = slice(-1), slice(1, None)
 
 
 class FewColumns(NamedTuple):
@@ -216,22 +217,25 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
         return f"outlines_m[{k}]", of_rings.said(rows.places(i).indices(len(is_unsound))[0] + k)[1]
 
     broken.add(rows.any(is_unsound), first)
-    is_other = _of_each(not np.array_equal(track.outlines_m[:1], track.outline_m[None]) for track in tracks)
+    is_other = _of_each(not _are_equal(track.outlines_m[:1], track.outline_m[None]) for track in tracks)
     broken.add(is_other, lambda _: ("outline_m", "must be the first of outlines_m"))
     # From each outline to the next of the same track.
-    place = np.arange(len(ring.count))
-    goes_on, comes = place < rows.spread(rows.offset[1:] - 1), place > rows.spread(rows.offset[:-1])
-    is_lost = np.zeros(len(goes_on), np.bool_)
-    is_start, is_end = ring.spread(goes_on), ring.spread(comes)
-    is_lost[comes] = lose_convexity(outline_m[is_start], outline_m[is_end], Many.of(ring.count[goes_on]))
+    ways = [max(0, n - 1) for n in count]
+    start_m, end_m = (_together([one[part].reshape(-1, 2) for one in outlines]) for part in (_ALL_BUT_LAST, _NEXT))
+    is_lost, way = lose_convexity(start_m, end_m, Many.of(np.repeat(corners, ways))), rows_of(_of_each(ways))
 
     def inside_out(i: int) -> tuple[str, str]:
-        k = first_of(is_lost, rows, i)
-        rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
-        return f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint"
+        k = first_of(is_lost, way, i)
+        rule = f"does not stay convex on the way from outlines_m[{k}]: each vertex moves straight to its like"
+        return f"outlines_m[{k + 1}]", f"{rule}; order the vertices alike, or add a waypoint"
 
-    broken.add(rows.any(is_lost), inside_out)
+    broken.add(way.any(is_lost), inside_out)
     return broken
+
+
+def _are_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Return whether arrays are equal: as `numpy.array_equal`, in a third of the time."""
+    return a.shape == b.shape and np.count_nonzero(a == b) == a.size
 
 
 def _keep_heights(who: str, track: Any) -> None:

@@ -79,8 +79,9 @@ def lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.boo
 def _lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.bool_]:
     edge = np.concatenate([ring.following(start_m) - start_m, ring.following(end_m) - end_m], axis=1)
     moves = (edge != 0.0).any(axis=1)
-    corners = Many.of(ring.total(moves))
-    edge = edge[moves]
+    corners = ring
+    if np.count_nonzero(moves) < len(moves):
+        corners, edge = Many.of(ring.total(moves)), edge[moves]
     (ax, ay, bx, by), (ax2, ay2, bx2, by2) = edge.T, corners.following(edge).T
     first, last = ax * ay2 - ay * ax2, bx * by2 - by * bx2
     middle = ax * by2 - ay * bx2 + bx * ay2 - by * ax2
@@ -89,11 +90,12 @@ def _lose_convexity(start_m: Floats, end_m: Floats, ring: Many) -> NDArray[np.bo
         corners.spread(np.arange(len(corners.count))), 5.0 * first + middle + 5.0 * last, len(corners.count)
     )
     way = corners.spread(np.copysign(1.0, total))
-    if np.min(way * [first, middle, last], initial=0.0) >= 0.0:  # as most do
+    first, middle, last = way * first, way * middle, way * last
+    least = np.minimum(np.minimum(first, last), middle)
+    if np.minimum.reduce(least, initial=0.0) >= 0.0:  # as most do
         return np.zeros(len(corners.count), np.bool_)
     size = ring.most(np.abs(np.concatenate([start_m, end_m], axis=1)))
     slack = corners.spread(32.0 * sys.float_info.epsilon * size**2)
-    first, middle, last = way * first, way * middle, way * last
     reach = 2.0 * np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
     stays = (first >= -slack) & (last >= -slack) & (middle >= -reach - slack)
     return np.asarray(corners.any(~stays) & (corners.count > 2))

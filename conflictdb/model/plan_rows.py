@@ -73,10 +73,17 @@ class Many:
         return found
 
     @cached_property
+    def _has_all(self) -> bool:
+        """Whether no plan is without places."""
+        return bool(np.count_nonzero(self.count) == len(self.count))
+
+    @cached_property
     def _next(self) -> Offsets:
         following = np.arange(1, self.offset[-1] + 1)
-        is_some = self.count > 0
-        following[self.offset[1:][is_some] - 1] = self.offset[:-1][is_some]
+        first, end = self.offset[:-1], self.offset[1:]
+        if not self._has_all:
+            first, end = first[self.count > 0], end[self.count > 0]
+        following[end - 1] = first
         return following
 
     def following(self, values: NDArray[Any]) -> NDArray[Any]:
@@ -85,20 +92,20 @@ class Many:
 
     def least(self, values: NDArray[Any], empty: float = 0) -> Numbers:
         """Return the least value of each plan; `empty` for one without places."""
-        return self._reduced(np.minimum, values if values.ndim == 1 else values.min(axis=1), empty)
+        return self._reduced(np.minimum, values if values.ndim == 1 else np.minimum.reduce(values, axis=1), empty)
 
     def most(self, values: NDArray[Any], empty: float = 0) -> Numbers:
         """Return the largest value of each plan; `empty` for one without places."""
-        return self._reduced(np.maximum, values if values.ndim == 1 else values.max(axis=1), empty)
+        return self._reduced(np.maximum, values if values.ndim == 1 else np.maximum.reduce(values, axis=1), empty)
 
     def total(self, flags: NDArray[np.bool_]) -> Numbers:
         """Return how many places of each plan have the flag."""
         return self._reduced(np.add, flags.astype(np.int64), 0)
 
     def _reduced(self, by: np.ufunc, values: NDArray[Any], empty: float) -> Numbers:
+        if self._has_all:
+            return by.reduceat(values, self.offset[:-1]) if len(self.count) else values
         is_some = self.count > 0
-        if np.count_nonzero(is_some) == len(is_some):
-            return by.reduceat(values, self.offset[:-1]) if len(is_some) else values
         found = np.full(len(is_some), empty, values.dtype)
         if len(values):
             found[is_some] = by.reduceat(values, self.offset[:-1][is_some])
