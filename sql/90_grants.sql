@@ -37,7 +37,7 @@ $$;
 -- calls _scene_holders.
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
--- Readers may ask workers; only the asking role and workers see what (79_probes.sql).
+-- Readers may ask workers; only the asking role and workers see what (79_requests.sql).
 GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, request_plans_probe, wait_for_probe,
     wait_for_plans_probe, request_delays, wait_for_delays, _request, _request_probe, _wait_for_probe, _await_answer,
     _end_of_wait, _prune_probes, _notify, _wake_workers TO conflictdb_reader;

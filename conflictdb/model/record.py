@@ -9,7 +9,7 @@ these names. To add a column, change these files:
 - a revision: a column of the table
 - sql/70_conflicts.sql: a column of the view, with its comment, and of the rows that Python reads
 - sql/60_write_back.sql: the rows that are written (MEASURED is in the order of its parameters)
-- sql/79_probes.sql: the replies to probes
+- sql/79_requests.sql: the replies to probes
 
 docs/generate.py writes the models and the reference pages.
 """

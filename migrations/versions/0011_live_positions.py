@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "623f78be86a11ca001d697c4f48e54d76d1821dc69151b8aaa33bb21165f3efc"
+routines_sha256 = "0160685812c4d86d913115a5f48ccaa3985b52505886c4ee83105bb611f9f5a8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
