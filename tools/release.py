@@ -60,11 +60,13 @@ def make(directory: Path, of: str, said: str) -> list[Path]:
     directory.mkdir(parents=True, exist_ok=True)
     if any(directory.iterdir()):
         raise Refused(f"{directory} is not empty: name another directory, or empty it")
-    environ = {**os.environ, "SOURCE_DATE_EPOCH": _git("log", "-1", "--format=%ct")}
+    # A commit that is made meanwhile must not get into the second build.
+    commit = _git("rev-parse", "HEAD")
+    environ = {**os.environ, "SOURCE_DATE_EPOCH": _git("log", "-1", "--format=%ct", commit)}
     with tempfile.TemporaryDirectory() as name, build.zig() as compiler:
         again = Path(name, "again")
         for made_in, tree in ((directory, Path(name, "tree")), (again, Path(name, "another directory"))):
-            _export(tree)
+            _export(tree, commit)
             build_archive("sdist", made_in, tree, environ)
             for target in TARGETS:
                 build_wheel(compiler, target, made_in, tree, environ)
@@ -84,9 +86,9 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _export(tree: Path) -> None:
+def _export(tree: Path, commit: str) -> None:
     tree.mkdir(parents=True)
-    archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, check=True, capture_output=True).stdout
+    archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
     subprocess.run(["tar", "-x"], cwd=tree, input=archive, check=True)
 
 

@@ -63,7 +63,18 @@ def test_a_dry_run_makes_all_files_but_wheels_of_other_platforms(
     monkeypatch.setattr(release, "TARGETS", ())
     monkeypatch.setattr(release.build, "zig", lambda: contextlib.nullcontext(["none"]))
     monkeypatch.setattr("sys.argv", ["release", "--dry-run", str(tmp_path / "dist")])
+    trees, export = [], release._export
+
+    def exported(tree: Path, commit: str) -> None:
+        trees.append(commit)
+        export(tree, commit)
+
+    monkeypatch.setattr(release, "_export", exported)
     assert release.main() == 0
+    # Whatever is committed meanwhile.
+    assert len(trees) == 2
+    assert len(set(trees)) == 1
+    assert re.fullmatch("[0-9a-f]{40,}", trees[0])
     of = release.version()
     made = {f"conflictdb-{of}.tar.gz", f"conflictdb-{of}.cdx.json", "notes.txt"}
     sums = (tmp_path / "dist/SHA256SUMS").read_text().splitlines()
