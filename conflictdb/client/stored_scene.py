@@ -358,7 +358,7 @@ class StoredScene:
         with store.transaction(self.connection):
             return explanations.explain(self.connection, self.name, a_key, b_key)
 
-    def certify(self, file: str | Path | IO[str], *, jobs: int = 1) -> Certified:
+    def certify(self, file: str | Path | IO[str], *, jobs: int = 1, delays: "Sequence[str]" = ()) -> Certified:
         """Write a file that proves what the last detection found, and that there is nothing else; return what it holds.
 
         `check_proof.py` checks the file without this package. Whoever may read the scene may certify it.
@@ -369,9 +369,13 @@ class StoredScene:
             The file, compressed if its name ends in .gz; it appears when it is complete.
         jobs : int
             Threads to compute in. Does not change the proofs.
+        delays : sequence of str
+            Keys of tracks whose least later departures are proven, too, as of `conflictdb.certify`.
 
         Raises
         ------
+        InvalidInput
+            One of the tracks does not exist.
         NotCurrent
             Changes wait for a detection.
         StoreError
@@ -383,7 +387,8 @@ class StoredScene:
         from conflictdb.model import inputs
 
         inputs.count("certify", "jobs", jobs, 1)
-        lines, occupied, counts = proof_of_stored(self.connection, self.name, jobs=jobs)
+        keys = inputs.keys("certify", "delays", delays)
+        lines, occupied, counts = proof_of_stored(self.connection, self.name, jobs=jobs, delays=keys)
         if isinstance(file, str | Path):
             write_lines(file, lines)
         else:

@@ -6,7 +6,8 @@ Conflicts are proven by instants at which the two are in contact, at both ends o
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -54,6 +55,14 @@ class Reported(NamedTuple):
     time_error_s: float
 
 
+class Delayed(NamedTuple):
+    """A least delay, microseconds, of the track at a place; a delay that is smaller by the error is in contact."""
+
+    of: int
+    least_us: int
+    error_us: int
+
+
 # By the places of both objects, the smaller first.
 _Known: TypeAlias = Mapping[tuple[int, int], Reported]
 
@@ -64,6 +73,7 @@ class ProofCounts:
 
     pairs : pairs of pieces whose boxes meet; steps : directions that prove them apart
     conflicts : of them, reported; unproven_pairs, unproven_conflicts : without proof
+    delays, unproven_delays : least delays, and those without proof
     evaluations : of two polygons at an instant
     kernel_s : seconds of a processor that directions took
     """
@@ -73,6 +83,8 @@ class ProofCounts:
     conflicts: int = 0
     unproven_pairs: int = 0
     unproven_conflicts: int = 0
+    delays: int = 0
+    unproven_delays: int = 0
     evaluations: int = 0
     kernel_s: float = 0.0
 
@@ -99,7 +111,7 @@ class Apart:
 class Contact(NamedTuple):
     """A contact of two pieces at an instant, seconds after the start of their shared time.
 
-    kind : contact or deep
+    kind : contact, deep, or late: of a track with a smaller delay than the least one
     a_deg, b_deg : a point in both, or the nearest points of both; None: not needed
     """
 
@@ -121,29 +133,111 @@ class Proofs:
     counts: ProofCounts = field(default_factory=ProofCounts)
 
 
-def proofs_of(setup: Setup, occupied: Occupied, reported: Sequence[Reported], jobs: int = 1) -> Proofs:
-    """Return the proofs of what was reported about the objects of a scene; near pairs are not reported."""
-    made = proof_pieces(setup, occupied, setup.scene.largest_separation_m)
+class Late(NamedTuple):
+    """The same objects, each delayed track with a smaller delay, and with which others it is in contact then."""
+
+    occupied: Occupied
+    met: Sequence[Reported]
+
+
+def proofs_of(
+    setup: Setup,
+    occupied: Occupied,
+    reported: Sequence[Reported],
+    jobs: int = 1,
+    delays: Sequence[Delayed] = (),
+    late: Late | None = None,
+) -> Proofs:
+    """Return the proofs of what was reported about the objects of a scene; near pairs are not reported.
+
+    delays : the last tracks of `occupied` are these tracks, delayed
+    """
+    reach_m, areas = setup.scene.largest_separation_m, len(occupied.areas)
+    made = proof_pieces(setup, occupied, reach_m)
     found = Proofs(made.cuts, iter(()))
-    known = {(min(one.a, one.b), max(one.a, one.b)): one for one in reported}
-    found.chunks = _chunks(setup, made, len(occupied.areas), known, found.counts, jobs)
+    known = _known(reported)
+    of = np.arange(areas + len(occupied.tracks))
+    copies = range(len(of) - len(delays), len(of))
+    of[copies] = [one.of for one in delays]
+    objects = _Objects(areas, of, len(delays))
+    found.counts.delays = found.counts.unproven_delays = len(delays)
+    found.chunks = _chunks(setup, made, objects, known, found.counts, jobs)
+    if late is not None:
+        early = proof_pieces(setup, late.occupied, reach_m + setup.scene.tolerance_m)
+        # The same cuts give the same numbers.
+        if [early.cuts.cuts_us.get(k) for k in copies] == [made.cuts.cuts_us.get(k) for k in copies]:
+            found.chunks = chain(found.chunks, _late(setup, early, objects, _known(late.met), found.counts, jobs))
     return found
+
+
+def _known(reported: Sequence[Reported]) -> _Known:
+    return {(min(one.a, one.b), max(one.a, one.b)): one for one in reported}
+
+
+@dataclass(frozen=True, slots=True)
+class _Objects:
+    """The objects of pieces.
+
+    areas : how many are areas
+    of : (n,) the place of each, of a delayed copy that of its track
+    delayed : how many of the last ones are copies
+    """
+
+    areas: int
+    of: _Ints
+    delayed: int
+
+    def places(self, pieces: Pieces) -> _Ints:
+        """Return the place of the object of each piece."""
+        return np.asarray(np.where(pieces.kind == Kind.AREA.code, 0, self.areas) + pieces.object_id)
+
+    def compared(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRows, PieceRows]:
+        """Return pairs without those of a delayed copy with its own track, or with another copy."""
+        if not self.delayed:
+            return a, b
+        place, first = self.places(pieces), len(self.of) - self.delayed
+        one, other = place[a], place[b]
+        rows = np.flatnonzero((self.of[one] != self.of[other]) & ((one < first) | (other < first)))
+        return PieceRows(a[rows]), PieceRows(b[rows])
 
 
 def _chunks(
     setup: Setup,
     made: ProofPieces,
-    areas: int,
+    objects: _Objects,
     known: _Known,
     counts: ProofCounts,
     jobs: int,
 ) -> Iterator[tuple[Apart, list[Contact]]]:
+    for pairs in _pairs(setup, made, objects):
+        yield _apart(pairs, known, counts, jobs), list(_contacts(pairs, known, counts, jobs))
+
+
+def _pairs(setup: Setup, made: ProofPieces, objects: _Objects, within_m: float = 0.0) -> Iterator["_PiecePairs"]:
+    """Yield pairs of pieces whose boxes meet, with required separations that are larger by within_m."""
     separations = Separations.of(setup.scene)
     for chunk in Memory(made.pieces).pairs(Question()):
         for settings, own, a, b in separations.split(chunk.pieces, chunk.a, chunk.b):
+            a, b = objects.compared(own, a, b)
             if len(a) and not settings.time_separation_us:
-                pairs = _PiecePairs.of(setup.under(settings), made, own, areas, a, b)
-                yield _apart(pairs, known, counts, jobs), list(_contacts(pairs, known, counts, jobs))
+                settings = replace(settings, separation_m=settings.separation_m + within_m)
+                yield _PiecePairs.of(setup.under(settings), made, own, objects, a, b)
+
+
+def _late(
+    setup: Setup, made: ProofPieces, objects: _Objects, known: _Known, counts: ProofCounts, jobs: int
+) -> Iterator[tuple[Apart, list[Contact]]]:
+    """Yield a contact of each delayed copy, without steps."""
+    whole, real = np.empty(0, np.int64), np.empty(0)
+    nothing = Apart(whole, whole, whole, np.zeros(1, np.int64), real, real, real)
+    place = dict(zip(made.number.tolist(), objects.places(made.pieces).tolist(), strict=True))
+    proven: dict[int, Contact] = {}
+    for pairs in _pairs(setup, made, objects, setup.scene.tolerance_m):
+        for one in _contacts(pairs, known, ProofCounts(), jobs):
+            if one.kind == "contact":
+                proven.setdefault(max(place[one.a], place[one.b]), one)
+    counts.unproven_delays -= len(proven)
+    yield nothing, [one._replace(kind="late") for one in proven.values()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,13 +264,13 @@ class _PiecePairs:
 
     @classmethod
     def of(
-        cls, setup: Setup, made: ProofPieces, pieces: Pieces, areas: int, a: PieceRows, b: PieceRows
+        cls, setup: Setup, made: ProofPieces, pieces: Pieces, objects: _Objects, a: PieceRows, b: PieceRows
     ) -> "_PiecePairs":
         first_s, last_s, _ = overlap_at_one_time(pieces, a, b)
         together = np.flatnonzero(first_s <= last_s)
         a, b, first_s, last_s = PieceRows(a[together]), PieceRows(b[together]), first_s[together], last_s[together]
         a, b, _ = ordered_members(pieces, a, b)
-        place = np.where(pieces.kind == Kind.AREA.code, 0, areas) + pieces.object_id
+        place = objects.places(pieces)
         is_static = (pieces.kind[a] == Kind.AREA.code) & (pieces.kind[b] == Kind.AREA.code)
         start_us, end_us = pieces.shared_span(a, b)
         lasts_s = np.where(is_static, 0, end_us - np.where(is_static, 0, start_us)) / 1e6

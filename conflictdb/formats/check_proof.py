@@ -319,7 +319,12 @@ class _Piece:
     def __init__(self, of: int, body: Any, span: Any, is_closed: bool, leg: Any, heights: Any) -> None:
         self.of, self.body, (self.start, self.end), self.is_closed = of, body, span, is_closed
         self.is_still, self.leg, self.heights = isinstance(body, list), leg, heights
-        self.number, self.level, self.box = 0, 0, (0.0, 0.0, 0.0, 0.0)
+        self.number, self.level, self.box, self.late = 0, 0, (0.0, 0.0, 0.0, 0.0), -1
+
+    def later(self, by: int) -> "_Piece":
+        """Return this piece at other times."""
+        span, leg = ((one[0] + by, one[1] + by) for one in ((self.start, self.end), self.leg))
+        return _Piece(self.of, self.body, span, self.is_closed, leg, self.heights)
 
     def at(self, zero: int, s: float) -> list[Point]:
         """Return the vertices at a time of a pair whose seconds count from `zero`."""
@@ -396,8 +401,25 @@ class _Scene:
                 (self.add_track if kind == "track" else self.add_area)(k, feature, members, extra)
             if "schedule" in members:
                 self.unchecked["schedules, but for the spans that they became"] += 1
+        self.delays = [one for one in given["verdicts"] if "delay" in one]
+        for late, one in enumerate(self.delays):
+            self.add_delayed(late, one, more.get(len(self.features) + late, {}))
         for number, piece in enumerate(self.pieces):
             piece.number = number
+
+    def add_delayed(self, late: int, one: Any, extra: Any) -> None:
+        """Add the pieces of an object that departs later, or earlier."""
+        k, first = self.keys[one["delay"]], len(self.pieces)
+        feature, by_us, error_us = self.features[k], one["least_us"], one["error_us"]
+        if not (isinstance(by_us, int) and by_us and isinstance(error_us, int) and error_us > 0):
+            raise Refused(f"the least delay of {one['delay']!r} is none")
+        members, places = feature["properties"], feature["geometry"]["coordinates"]
+        if self.about[k][0] == "area" or k in self.unproven or "schedule" in members or places[0] == places[1]:
+            self.unchecked["least delays of areas, of schedules, of objects that wait or are not checked"] += 1
+            return
+        self.add_track(k, feature, members, {name: extra[name] for name in extra if name == "cuts"}, by_us)
+        for piece in self.pieces[first:]:
+            piece.late = late
 
     def by_rule(self, rule: Any) -> Vector:
         names = "separation_m", "vertical_m", "time_s"
@@ -435,7 +457,7 @@ class _Scene:
             for part in parts or [range(len(points))]:
                 self.pieces.append(_Piece(k, [points[j] for j in part], span, self.is_closed, span, band))
 
-    def add_track(self, k: int, feature: Any, members: Any, extra: Any) -> None:
+    def add_track(self, k: int, feature: Any, members: Any, extra: Any, by_us: int = 0) -> None:
         places = [tuple(place[:2]) for place in feature["geometry"]["coordinates"]]
         at = [_instant(text, 0) for text in members["times"]]
         if len(at) != len(places) or len(at) < 2 or any(a >= b for a, b in pairwise(at)):
@@ -454,7 +476,7 @@ class _Scene:
             bodies.append(make(self.plane, courses[i], (at[i + 1] - at[i]) / 1e6, bearing, havens[i : i + 2]))
         cuts = sorted({*(t - at[0] for t in at), *(cut for cut in extra.get("cuts", ()) if 0 < cut < lasts)})
         for departure in extra.get("departures", members.get("departures", at[:1])):
-            zero = _instant(departure, 0)
+            zero = _instant(departure, 0) + by_us
             for start, end in pairwise(cuts):
                 i = bisect_right(at, at[0] + start) - 1
                 leg, span = (zero + at[i] - at[0], zero + at[i + 1] - at[0]), (zero + start, zero + end)
@@ -721,7 +743,7 @@ class Checker:
         self.scene = scene = _Scene(given)
         self.counts, self.unproven, self.unchecked = Counter[str](), list[str](), scene.unchecked
         self.reported: dict[Any, tuple[str, list[Range], float]] = {}
-        for one in given["verdicts"]:
+        for one in (one for one in given["verdicts"] if "delay" not in one):
             pair, verdict = tuple(sorted((scene.keys[one["a"]], scene.keys[one["b"]]))), one["verdict"]
             periods = [(_instant(a, -inf), _instant(b, inf)) for a, b in one["periods"]]
             is_known = verdict in ("conflict", "grazing", "unresolved") and pair not in self.reported
@@ -730,12 +752,18 @@ class Checker:
             self.reported[pair] = verdict, periods, one["time_error_s"]
         self.steps: dict[tuple[int, ...], str] = {}
         self.contacts: dict[Any, list[Any]] = defaultdict(list)
+        self.late: dict[int, list[Any]] = defaultdict(list)
         for line in given["proofs"]:
             if line.startswith('["'):
                 kind, p, q, turns, *rest = json.loads(line)
                 if not isinstance(turns, int):
                     raise Refused(f"{turns} is no whole number of turns")
                 one, other = scene.pieces[p], scene.pieces[q]
+                if kind == "late":
+                    self.late[max(one.late, other.late)].append((one, other, turns, *rest))
+                    continue
+                if max(one.late, other.late) >= 0:
+                    raise Refused("a delayed object shows no conflict")
                 self.contacts[tuple(sorted((one.of, other.of)))].append((kind == "deep", one, other, turns, *rest))
             else:
                 self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
@@ -746,7 +774,12 @@ class Checker:
             piece.box = self.scene.box(piece)
         for p, q, turns in _meeting(self.scene):
             pair = tuple(sorted((p.of, q.of)))
-            self.fail(pair, self.lacks_pair(pair, p, q, turns))
+            if min(p.late, q.late) < 0:
+                self.fail(pair, self.lacks_pair(pair, p, q, turns))
+        for late, one in enumerate(self.scene.delays):
+            if any(piece.late == late for piece in self.scene.pieces):
+                why = self.lacks_delay(late, one["least_us"], one["error_us"])
+                self.unproven += [f"{one['delay']!r}: {why}"] if why else []
         for pair, (verdict, periods, error_s) in self.reported.items():
             if self.scene.unproven.intersection(pair):
                 self.unchecked["verdicts on objects that are not checked"] += 1
@@ -777,7 +810,7 @@ class Checker:
             self.counts["pairs of pieces at other heights"] += 1
             return ""
         sharp_s, periods = SHARP_APART_S if apart_m else SHARP_S, []
-        for a, b in self.reported.get(pair, ("", [], 0.0))[1]:
+        for a, b in self.reported.get(pair, ("", [], 0.0))[1] if max(p.late, q.late) < 0 else ():
             if not is_still:
                 periods.append(((a - zero) / 1e6 - sharp_s, (b - zero) / 1e6 + sharp_s))
             elif a <= start and b >= end:
@@ -825,6 +858,19 @@ class Checker:
         self.counts["conflicts proven"] += is_deep
         self.counts["periods proven"] += len(periods) * is_deep
         return "" if is_deep else "nothing proves that they come closer than the tolerance"
+
+    def lacks_delay(self, late: int, by_us: int, error_us: int) -> str:
+        """Return what a least delay lacks: contact with a delay that is smaller by the error; empty: nothing."""
+        for p, q, turns, s, *points in self.late[late]:
+            one, other = (a.later(-error_us if by_us > 0 else error_us) if a.late >= 0 else a for a in (p, q))
+            separation = self.scene.separation(p.of, q.of) if p.of != q.of and min(p.late, q.late) < 0 else None
+            if separation is None or separation[2]:
+                continue
+            near = (separation[0] + self.scene.tolerance_m, *separation[1:])
+            if self.contact(near, False, one, other, turns, s, points):
+                self.counts["least delays proven"] += 1
+                return ""
+        return f"no contact is proven {error_us} microseconds before a delay of {by_us}"
 
     def contact(self, apart: Vector, is_deep: bool, p: _Piece, q: _Piece, turns: int, s: float, points: Any) -> Any:
         """Return the first and the last instant of a contact, the same unless both stand still; None: it is none."""

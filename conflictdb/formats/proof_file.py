@@ -3,10 +3,11 @@
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any, Final
 
 import conflictdb
-from conflictdb.core.proofs import Apart, Contact, Proofs, Reported
+from conflictdb.core.proofs import Apart, Contact, Delayed, Proofs, Reported
 from conflictdb.core.world import Occupied
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.scene_file import feature_of, settings_of
@@ -16,20 +17,29 @@ VERSION: Final = 1
 
 
 def proof_lines(
-    scene: Scene, occupied: Occupied, reported: Sequence[Reported], proofs: Proofs, about: dict[str, Any]
+    scene: Scene,
+    occupied: Occupied,
+    reported: Sequence[Reported],
+    proofs: Proofs,
+    about: dict[str, Any],
+    delays: Sequence[Delayed] = (),
 ) -> Iterator[str]:
     """Yield the lines of a proof.
 
     scene : settings, with a centre
     about : further members of the first line
+    delays : the last tracks of `occupied` are these, delayed
     """
-    objects = occupied.plans()
+    every = occupied.plans()
+    objects = every[: len(every) - len(delays)]
     yield _line({"conflictdb_proof": VERSION, "made_by": f"conflictdb {conflictdb.__version__}", **about})
     parts = {
         "settings": iter([_text(settings_of(scene))]),
         "objects": (_text(feature_of(one)) for one in objects),
-        "pieces": _pieces(objects, proofs),
-        "verdicts": (_text(_verdict(objects, one)) for one in reported),
+        "pieces": _pieces(every, proofs),
+        "verdicts": chain(
+            (_text(_verdict(objects, one)) for one in reported), (_text(_delay(objects, one)) for one in delays)
+        ),
         "proofs": _proofs(proofs),
     }
     digests = {}
@@ -81,6 +91,10 @@ def _verdict(objects: Sequence[Area | Track], one: Reported) -> dict[str, Any]:
         "periods": [[_instant(at) for at in period] for period in one.periods_us],
         "time_error_s": one.time_error_s,
     }
+
+
+def _delay(objects: Sequence[Area | Track], one: Delayed) -> dict[str, Any]:
+    return {"delay": objects[one.of].key, "least_us": one.least_us, "error_us": one.error_us}
 
 
 def _instant(at_us: int) -> str | None:

@@ -1,6 +1,6 @@
 """Certify a stored scene: what its last detection found, on one state of the database."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import psycopg
@@ -13,7 +13,7 @@ from conflictdb.memory.certifying import proof_of
 
 
 def proof_of_stored(
-    conn: psycopg.Connection[Any], scene: str, *, jobs: int = 1
+    conn: psycopg.Connection[Any], scene: str, *, jobs: int = 1, delays: Collection[str] = ()
 ) -> tuple[Iterator[str], Occupied, ProofCounts]:
     """Return the lines of the proof of a scene, its objects, and counts that are complete after the last line.
 
@@ -33,5 +33,5 @@ def proof_of_stored(
     world = World.around(settings, areas, tracks)
     occupied = occupy(world, areas, tracks, is_lenient=True)
     about = {"scene": scene, "run": max((row.run_id or 0 for row in rows), default=None)}
-    lines, counts = proof_of(world, occupied, rows, jobs, about)
+    lines, counts = proof_of(world, occupied, rows, jobs, about, delays)
     return lines, occupied, counts

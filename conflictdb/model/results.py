@@ -638,6 +638,7 @@ class Certified:
     pairs : pairs of pieces of objects that are near each other; directions : that prove them apart
     conflicts : whose periods and depth are proven, or should be
     unproven_pairs, unproven_conflicts : of these, without proof
+    delays, unproven_delays : least delays that were asked for, and those without proof
     """
 
     objects: int
@@ -646,9 +647,11 @@ class Certified:
     conflicts: int
     unproven_pairs: int
     unproven_conflicts: int
+    delays: int = 0
+    unproven_delays: int = 0
 
     def __bool__(self) -> bool:
-        return not self.unproven_pairs and not self.unproven_conflicts
+        return not (self.unproven_pairs or self.unproven_conflicts or self.unproven_delays)
 
 
 class Listing(Results[_Row]):

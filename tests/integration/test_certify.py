@@ -11,7 +11,7 @@ from commands import STRAIT, runner
 from psycopg import conninfo, sql
 
 from conflictdb import NotCurrent, StoreError, connect, store
-from conflictdb.cli.codes import DONE, NOT_CURRENT
+from conflictdb.cli.codes import DONE, INPUT_REFUSED, NOT_CURRENT
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.formats import check_proof
 
@@ -46,6 +46,15 @@ def test_the_command_prints_a_proof(dsn: str, capsys: pytest.CaptureFixture[str]
     status, report = checked(done.out, tmp_path)
     assert status == ACCEPTED, report
     assert "conflicts proven" in report
+    with connect(dsn) as db:
+        least = {one.key: one.least_later_s for one in db.scene("strait").delays()}
+    key = next(key for key, least_s in least.items() if least_s)
+    done = run("admin", "certify", "--scene", "strait", "--delays", key)
+    assert "1 least delays" in done.err
+    status, report = checked(done.out, tmp_path)
+    assert (status, "1 least delays proven" in report) == (ACCEPTED, True), report
+    done = run("admin", "certify", "--scene", "strait", "--delays", "nobody")
+    assert (done.code, done.out) == (INPUT_REFUSED, "")
     with connect(dsn) as db:
         scene = db.scene("strait")
         scene.delete_objects(scene.objects()[0].key)

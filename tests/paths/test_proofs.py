@@ -3,10 +3,12 @@
 import ast
 import contextlib
 import io
+import json
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import digests
@@ -14,15 +16,18 @@ import forged
 import pytest
 import shapely
 from draws import draws
+from layouts import LOW_LATITUDE
+from mixed_scenes import plain_scene
 from patience import WAIT_S
 
-from conflictdb import Area, Scene, Track, certify, solve
+from conflictdb import Area, Scene, Track, certify, delays, solve
 from conflictdb.errors import IncompleteWarning
 from conflictdb.formats import check_proof
 from conflictdb.kernel import build, library
 
 ACCEPTED, REFUSED = 0, 1
 SOMETHING_IS_NOT_CHECKED = 2
+CROWDED = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
 SCENES = digests.acceptance_scenes()
 # Scenes that every run certifies; the others with `-m slow`.
 _FEW = 13
@@ -132,6 +137,55 @@ def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(check_proof.Refused, match="no whole number of turns"):
         check_proof.Checker(invented)
     assert forged.outcome(invented) == "refused"
+
+
+def delayed_scene(seed: int, **more: float) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene in which several tracks have least delays."""
+    return plain_scene(CROWDED, seed, 3, 10, **more)
+
+
+@pytest.mark.parametrize(("seed", "more"), [(1, {}), (1, {"tolerance_m": 0.0}), (1, {"separation_m": 500.0})])
+def test_least_delays_are_proven(tmp_path: Path, seed: int, more: dict[str, float]) -> None:
+    """Nothing is met at the least delay, and something within the tolerance a few microseconds before."""
+    scene, areas, tracks = delayed_scene(seed, **more)
+    least = {one.key: one.least_later_s for one in delays(tracks, areas, scene)}
+    made = certify(tracks, areas, tmp_path / "proof", scene, delays=list(least))
+    assert made
+    assert made.delays == sum(bool(one) for one in least.values()) > 0
+    status, report = checked(tmp_path / "proof")
+    assert (status, f"{made.delays} least delays proven" in report) == (ACCEPTED, True), report
+    parts = check_proof.read((tmp_path / "proof").read_text().splitlines(keepends=True))
+    lines = [one for one in parts["verdicts"] if "delay" in one]
+    assert {one["delay"]: one["least_us"] / 1e6 for one in lines} == {key: one for key, one in least.items() if one}
+    assert all(one["error_us"] < 1000 for one in lines)
+
+
+def test_forged_least_delays_are_refused(tmp_path: Path) -> None:
+    """Another delay, a contact that is lost or elsewhere, or one of other plans."""
+    scene, areas, tracks = delayed_scene(1)
+    key = next(one.key for one in delays(tracks, areas, scene) if one.least_later_s)
+    certify(tracks, areas, tmp_path / "proof", scene, delays=[key])
+    parts = check_proof.read((tmp_path / "proof").read_text().splitlines(keepends=True))
+    assert forged.outcome(parts) == "accepted"
+    for change in ({"least_us": 1_000_000}, {"error_us": 0}, {"least_us": 0}, {"least_us": 1.5}, {"delay": "none"}):
+        verdicts = [one | (change if "delay" in one else {}) for one in parts["verdicts"]]
+        assert forged.outcome({**parts, "verdicts": verdicts}) == "refused", change
+    for by_us in (10**6, -(10**6), 10**12):
+        verdicts = [
+            one | ({"least_us": one["least_us"] + by_us} if "delay" in one else {}) for one in parts["verdicts"]
+        ]
+        assert forged.outcome({**parts, "verdicts": verdicts}) == "refused", by_us
+    late = [line for line in parts["proofs"] if line.startswith('["late"')]
+    assert len(late) == 1
+    rest = [line for line in parts["proofs"] if line not in late]
+    assert forged.outcome({**parts, "proofs": rest}) == "refused"
+    kind, p, q, turns, at, *points = json.loads(late[0])
+    for line in (
+        [kind, p, q, turns, at + 60.0, *points],
+        ["contact", p, q, turns, at, *points],
+        [kind, q, q, turns, at],
+    ):
+        assert forged.outcome({**parts, "proofs": [*rest, json.dumps(line)]}) == "refused", line
 
 
 @pytest.fixture

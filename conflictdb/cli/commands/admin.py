@@ -41,6 +41,8 @@ def add(commands: Any) -> None:
         below, "certify", "certifying_scenes:certify", "print a proof of what was found", "For check_proof.py."
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="name of the scene")
+    about = "tracks whose least later departures are proven, too"
+    parser.add_argument("--delays", nargs="+", default=[], metavar="KEY", help=about)
     add_options(parser, "--jobs")
 
     _add_tables(below)
