@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import full_plans
 import numpy as np
 import pytest
 import shapely
@@ -10,6 +11,9 @@ from scene_features import Feature
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.core.pieces.digests import area_digests, track_digests
+from conflictdb.model.plan_columns import AREA as AREA_KIND
+from conflictdb.model.plan_columns import TRACK as TRACK_KIND
+from conflictdb.model.plan_columns import columns_of
 from conflictdb.model.plans import Area, Track
 
 AREA = Area("A", shapely.box(0, 0, 1, 1), start_us=0, end_us=10, floor_m=0.0, ceiling_m=10.0)
@@ -52,6 +56,19 @@ CHANGED = [
 @pytest.mark.parametrize("changed", CHANGED)
 def test_digests_differ_where_conflicts_may(changed: Area | Track) -> None:
     assert of(changed) != of(AREA if isinstance(changed, Area) else TRACK)
+
+
+# The key is no column, the lines of legs are the scene's, and of a schedule digests have the activations.
+NOT_IN_DIGESTS = ("key", "legs", "schedule")
+ALONE = [one for one in full_plans.specimens() if len(one.fields) == 1 and one.fields[0] not in NOT_IN_DIGESTS]
+
+
+@pytest.mark.parametrize("one", ALONE, ids=lambda one: one.name)
+def test_a_column_is_in_digests_if_it_changes_answers(one: full_plans.Specimen) -> None:
+    """A new column fails here until digests have it."""
+    kind, plain = (AREA_KIND, full_plans.area()) if isinstance(one.plan, Area) else (TRACK_KIND, full_plans.track())
+    (column,) = (column for column in columns_of(kind) if one.fields[0] in column.python)
+    assert (of(one.plan) != of(plain)) == column.changes_answers
 
 
 def test_digests_are_of_contents_alone() -> None:
