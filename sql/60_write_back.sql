@@ -353,7 +353,7 @@ DECLARE
     v_scene_name text;
     v_plane text;
     v_has_delays boolean;
-    v_has_regions boolean := p_run #>> '{settings,regions}' IS DISTINCT FROM 'off';
+    v_has_regions boolean := v_method <> 'screen' AND p_run #>> '{settings,regions}' IS DISTINCT FROM 'off';
     v_is_first boolean;
     v_marks bigint;
     v_at timestamptz;

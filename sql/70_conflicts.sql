@@ -84,7 +84,7 @@ COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Contains every place where both '
 'meet. Two overlapping areas: their intersection. Otherwise the intersection of the places swept during the contacts, '
 'extended by tolerance and separation. Reaches beyond that by at most 1 m, or the tolerance if larger. Null: not '
-'computed, as in scenes with the setting regions off; where they meet is then unknown, not nowhere.';
+'computed, as by method screen and in scenes with the setting regions off; where they meet is unknown, not nowhere.';
 COMMENT ON COLUMN conflicts.first_contact_point IS
 'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
@@ -373,7 +373,8 @@ COMMENT ON FUNCTION _met_by_place(bigint, geometry, tstzrange, double precision,
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._placeless_within(p_scene text, p_geometry geometry)
 RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE PARALLEL RESTRICTED ROWS 10 SET search_path FROM CURRENT AS $$
+-- One lookup in the index of conflicts without a region says that there are none, whatever the statistics.
+LANGUAGE plpgsql STABLE PARALLEL RESTRICTED ROWS 10 SET search_path FROM CURRENT SET enable_seqscan = off AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_within_s double precision := _longest_time_s(v_scene_id);
@@ -384,7 +385,7 @@ BEGIN
     END IF;
     RAISE NOTICE 'scene %: has conflicts without regions: those whose swept hulls meet the place are in the answer',
                  quote_literal(p_scene)
-        USING HINT = 'With the setting regions on, the next detection computes regions.';
+        USING HINT = 'With method exact and the setting regions on, the next detection computes regions.';
     RETURN QUERY
         WITH near AS MATERIALIZED (
             -- At all times: a region is of all periods.

@@ -611,6 +611,7 @@ COMMENT ON COLUMN map_conflicts.ends_at IS 'End of the period, inclusive; null: 
 COMMENT ON COLUMN map_conflicts.time_error_s IS 'Error bound of both, seconds.';
 COMMENT ON COLUMN map_conflicts.region IS
 'Region during all periods: longitude and latitude in degrees, split at the antimeridian; empty if it is a line or '
-'point; null if not computed, as in scenes with the setting regions off: show first_contact_point.';
+'point; null if not computed, as by method screen and in scenes with the setting regions '
+'off: show first_contact_point.';
 COMMENT ON COLUMN map_conflicts.first_contact_point IS
 'First contact, in the first period: longitude and latitude in degrees; null if not computed.';

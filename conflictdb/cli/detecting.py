@@ -257,7 +257,7 @@ def explain(args: argparse.Namespace) -> int:
 def _wants_region(args: argparse.Namespace, scene: "StoredScene") -> bool:
     """Return whether to read regions; remark if the scene stores none."""
     is_wanted = args.format in ("json", "geojson", "geoparquet") and not args.no_region
-    if is_wanted and scene.settings().regions is Regions.OFF:
-        place = "its place is the first contact, if that is known"
-        remark(f"scene {scene.name!r} stores no regions (setting regions is off): {place}")
+    if is_wanted and not (settings := scene.settings()).has_regions:
+        why = "setting regions is off" if settings.regions is Regions.OFF else f"method {settings.method}"
+        remark(f"scene {scene.name!r} stores no regions ({why}): the place of a conflict is its first contact")
     return is_wanted

@@ -34,7 +34,6 @@ from conflictdb.model import inputs
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
-from conflictdb.model.settings import Regions
 
 __all__ = ["Advice", "Estimate", "Trial", "advise"]
 
@@ -241,7 +240,7 @@ class _Sample:
         region = conflicts.where(np.arange(len(conflicts)))
         seconds = (time.process_time() - started) / copies
         without = (np.diff(region.offset) == 0) & (conflicts.verdict != Verdict.NEAR.code)
-        without &= scene.regions is Regions.ON
+        without &= scene.has_regions
         first = np.flatnonzero(conflicts.a_id < self._objects)
         return _Solved(len(a), len(pairs), seconds, int(without[first].sum()), self._answer(conflicts.take(first)))
 

@@ -41,7 +41,6 @@ from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.model.settings import Regions
 
 # First and last time at which the heights of pairs (n,) overlap, and errors (`overlap_at_one_time`).
 _Heights: TypeAlias = tuple[Floats, Floats, Floats]
@@ -179,7 +178,7 @@ def run_stages(
         )
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
 
-    if setup.scene.regions is Regions.OFF:
+    if not setup.scene.has_regions:
         return conflicts, funnel
 
     def where(rows: NDArray[np.int64]) -> Polygons:

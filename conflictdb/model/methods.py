@@ -52,7 +52,7 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
         Method.SCREEN: MethodSpec(
             solver=None,
             says="who might meet",
-            promises="no conflict is missed; periods are the time that swept hulls share",
+            promises="no conflict is missed; periods are the time that swept hulls share; no places",
             costs="stages 1 and 2 alone",
         ),
         Method.EXACT: MethodSpec(

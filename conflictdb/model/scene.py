@@ -117,6 +117,11 @@ class Scene:
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
 
     @property
+    def has_regions(self) -> bool:
+        """Whether detections store where conflicts are."""
+        return self.regions is Regions.ON and METHODS[self.method].solver is not None
+
+    @property
     def largest_separation_m(self) -> float:
         """The largest separation of any pair, by its rules too, metres."""
         return max([self.separation_m, *(rule.separation_m or 0.0 for rule in self.rules)])

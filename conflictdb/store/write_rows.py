@@ -24,6 +24,7 @@ from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.core.conflict_regions import EDITION
 from conflictdb.kernel.waiting import ThreadWork, run_in_thread
+from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
@@ -82,7 +83,7 @@ class RunRecord:
     @property
     def has_regions(self) -> bool:
         """Whether rows store regions."""
-        return self.settings.get("regions") != Regions.OFF
+        return self.settings.get("regions") != Regions.OFF and self.method != Method.SCREEN
 
     def digest_key(self, of_pairs: Scene | None = None) -> bytes:
         """Return the key for digests: method, settings and edition, on which answers depend besides their columns.

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0160685812c4d86d913115a5f48ccaa3985b52505886c4ee83105bb611f9f5a8"
+routines_sha256 = "1ee4b79b239348ac4dfb7496a90f05447e9f8c091c8646d084b25d002d7ec965"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -104,15 +104,18 @@ LIVE_CONFLICT_OTHER = """
 CREATE INDEX IF NOT EXISTS live_conflict_other_btree ON conflictdb.live_conflict (scene_id, other_key)
 """
 
-# Conflicts without a region are found on maps by their first contact.
 REGIONS = """
 ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS regions text NOT NULL DEFAULT 'on',
     DROP CONSTRAINT IF EXISTS scene_regions_known,
     ADD CONSTRAINT scene_regions_known CHECK (regions IN ('on', 'off'))
 """
-CONFLICT_PLACE = """
-CREATE INDEX IF NOT EXISTS conflict_first_contact_spgist ON conflictdb.conflict USING spgist (first_contact_point)
+# Nulls cost the index of regions as much as regions do. Those without are looked up by scene.
+CONFLICT_REGIONS = """
+DROP INDEX IF EXISTS conflictdb.conflict_region_spgist;
+CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region)
+    WHERE verdict <> 'near' AND region IS NOT NULL;
+CREATE INDEX IF NOT EXISTS conflict_placeless_btree ON conflictdb.conflict (scene_id)
     WHERE verdict <> 'near' AND region IS NULL
 """
 
@@ -151,7 +154,7 @@ STATEMENTS: tuple[str, ...] = (
     LIVE_EVENT,
     LIVE_EVENT_SCENE,
     REGIONS,
-    CONFLICT_PLACE,
+    CONFLICT_REGIONS,
 )
 
 

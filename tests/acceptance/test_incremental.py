@@ -12,7 +12,6 @@ from mixed_scenes import plain_scene
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
-from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track
 
 EDITS = 6
@@ -133,7 +132,7 @@ def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
 
 def test_settings_change_where_areas_meet(conn: psycopg.Connection[Any]) -> None:
     """Also where nothing else does: sides become great circles, which the database itself finds regions of."""
-    scene = Scene("s", earth=EarthModel.SPHERE, method=Method.SCREEN)
+    scene = Scene("s", earth=EarthModel.SPHERE)
     boxes = [shapely.box(0.0, 50.0, 20.0, 60.0), shapely.box(5.0, 55.0, 25.0, 70.0)]
     areas = [Area(f"A{i}", shapely.MultiPolygon([one])) for i, one in enumerate(boxes)]
     store.replace_scene(conn, scene, areas, [], merge=False)

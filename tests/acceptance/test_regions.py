@@ -61,7 +61,7 @@ def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon
 
 
 @pytest.mark.parametrize("earth", EarthModel)
-@pytest.mark.parametrize("method", list(Method))
+@pytest.mark.parametrize("method", [Method.EXACT, Method.NLP])
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
 def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
     """At instants of the periods, regions contain the polygons' intersection; they are valid, within +-180 degrees."""
@@ -145,10 +145,15 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
 
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda workload: workload.name)
-def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: Workload) -> None:
+def test_regions_are_no_larger_than_what_is_swept_during_the_contact(
+    workload: Workload, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The region of two areas is little more than their intersection, that of a haven no more than what is screened."""
     scene, areas, tracks = plain_scene(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
-    answer, screened = found(scene, areas, tracks), found(replace(scene, method=Method.SCREEN), areas, tracks)
+    answer = found(scene, areas, tracks)
+    # What is swept during all of the shared time: `screen` does not compute it otherwise.
+    monkeypatch.setattr(Scene, "has_regions", property(lambda _: True))
+    screened = found(replace(scene, method=Method.SCREEN), areas, tracks)
     where = regions_of(answer)
     of_pair = {
         key: region

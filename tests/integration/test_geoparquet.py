@@ -102,7 +102,7 @@ def test_conflicts_without_regions_go_out_with_first_contacts_and_a_remark(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The setting goes with the scene file; GeoJSON has points, GeoParquet null geometries."""
-    says = "scene 'strait' stores no regions (setting regions is off): its place is the first contact, if that is known"
+    says = "scene 'strait' stores no regions (setting regions is off): the place of a conflict is its first contact"
     assert run("detect", STRAIT, "--regions", "off", "--format", "csv").code == 0
     path = tmp_path / "strait.json"
     assert run("export", "--scene", "strait", path).code == 0

@@ -70,9 +70,10 @@ def test_a_detection_stores_all_but_the_region(both: Conn) -> None:
     assert rows(both, "SELECT scene, regions FROM conflictdb.scenes ORDER BY 1") == [("on", "on"), ("s", "off")]
 
 
-@pytest.mark.parametrize("method", ["screen", "nlp"])
-def test_other_methods_store_no_region_either(conn: Conn, method: str) -> None:
-    detected(conn, replace(OFF, method=method))  # type: ignore[arg-type]
+@pytest.mark.parametrize(("method", "regions"), [("screen", "on"), ("screen", "off"), ("nlp", "off")])
+def test_other_methods_store_no_region_either(conn: Conn, method: str, regions: str) -> None:
+    """`screen` finds no places, whatever the setting."""
+    detected(conn, replace(OFF, method=method, regions=regions))  # type: ignore[arg-type]
     ((count, with_region),) = rows(conn, "SELECT count(*), count(region) FROM conflictdb.conflicts")
     assert count >= 5
     assert with_region == 0
@@ -103,6 +104,16 @@ def test_a_query_by_place_compares_swept_hulls_and_says_so(both: Conn) -> None:
     assert within(both, "s", 179.9, -9.4, 180.1, -9.3) == within(both, "s", -180.1, -9.4, -179.9, -9.3)
     assert within(both, "s", 179.9, -9.4, 180.1, -9.3) == {("SEAM-1", "SEAM-2")}
     assert within(both, "s", 0.85, 50.4, 0.95, 50.6, span="[1999-01-01,1999-01-02)") == {("EAST", "WEST")}
+
+
+def test_a_query_by_place_finds_what_screen_finds(both: Conn) -> None:
+    rows(both, "SELECT conflictdb.create_scene('s', p_method => 'screen', p_regions => 'on')")
+    detect(both, "s", jobs=1)
+    assert within(both, "s", 0.85, 50.4, 0.95, 50.6) >= {("EAST", "WEST"), ("EAST", "FERRY"), ("WEST", "FERRY")}
+    assert within(both, "s", 5.2, 50.2, 5.8, 50.8) == set()
+    rows(both, "SELECT conflictdb.create_scene('s', p_method => 'exact')")
+    detect(both, "s", jobs=1)
+    assert rows(both, "SELECT count(*), count(region) FROM conflictdb.conflicts WHERE scene = 's'") == [(5, 5)]
 
 
 def test_a_query_by_place_finds_conflicts_of_changed_objects(both: Conn) -> None:

@@ -369,7 +369,8 @@ class Page {
     byId("title").textContent = printable(scene.scene);
     tell([counted(model.areas.length, "area"), counted(model.tracks.length, "track"),
       scene.is_current ? null : scene.remark,
-      scene.regions === "off" ? "no regions: conflicts are shown at their first contact" : null,
+      scene.method === "screen" ? "method screen finds no places: conflicts are in the list only"
+        : scene.regions === "off" ? "no regions: conflicts are shown at their first contact" : null,
       scene.copied ? `as of ${scene.copied}, changes since are not in this file` : null].filter(Boolean).join(" · "));
     byId("beyond").hidden = model.beyond === 0;
     byId("beyond").textContent = `${counted(model.beyond, "object")} ${model.beyond === 1 ? "reaches" : "reach"} beyond `
