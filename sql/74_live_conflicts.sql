@@ -97,8 +97,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _note_alarm(text, timestamptz, live_conflict) IS
-'Records that an alarm has begun or ended, and notifies channel conflictdb_alarm; scene and keys are null if scenes are '
-'protected.';
+'Records that an alarm has begun or ended, and notifies channel conflictdb_alarm; scene and keys are null if scenes '
+'are protected.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
@@ -124,6 +124,8 @@ COMMENT ON FUNCTION _open_alarms(bigint, text[]) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(p_now_us bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
+    -- Latenesses waver by seconds.
+    c_over CONSTANT interval := '1 minute';
     v_now timestamptz := timestamptz 'epoch' + p_now_us * interval '1 microsecond';
     v_one live_conflict;
 BEGIN
@@ -132,7 +134,7 @@ BEGIN
     END IF;
     FOR v_one IN
         DELETE FROM live_conflict c
-            WHERE c.last_contact < v_now
+            WHERE c.last_contact < v_now - c_over
                OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
                           WHERE k <> ''
                             AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
@@ -143,8 +145,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _end_alarms(bigint) IS
-'Ends the alarms whose contact is over at an instant (microseconds), and those of removed objects. None while another '
-'session looks.';
+'Ends the alarms whose contact is over for a minute at an instant (microseconds), and those of removed objects. None '
+'while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],

@@ -21,7 +21,7 @@ from conflictdb.jobs.off_plan import around
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Conflict
 
-# An alarm ends when its pair has this much slack again, not before: latenesses waver by seconds.
+# An alarm ends when its pair has this much slack again, or its contact is over for this long: latenesses waver.
 _ENDS_AT_US: Final = 60_000_000
 _NO_DELAYS: Final = "the scene stores no delays: set delays_within_s"
 _BEYOND: Final = "its lateness exceeds delays_within_s ({:g} s)"
@@ -72,10 +72,12 @@ def follow(
             found[key, ""] = store.Alarm("may", _BEYOND.format(settings.delays_within_s))
     ended = []
     for pair, alarm in former.items():
-        is_over = alarm.last_us is not None and alarm.last_us < now_us
-        if pair not in found:
-            if not is_over and 0 < near.get(pair, _ENDS_AT_US) < _ENDS_AT_US:
-                continue
+        last_us = np.inf if alarm.last_us is None else alarm.last_us
+        if pair in found:
+            # Their distance rose, and falls again: another alarm.
+            if last_us < now_us and (found[pair].first_us or 0) > max(last_us, now_us):
+                ended.append(pair)
+        elif last_us + _ENDS_AT_US < now_us or not 0 < near.get(pair, _ENDS_AT_US) < _ENDS_AT_US:
             ended.append(pair)
     store.put_alarms(conn, scene_id, now_us, found, ended, slack)
 

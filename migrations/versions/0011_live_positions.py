@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1ee4b79b239348ac4dfb7496a90f05447e9f8c091c8646d084b25d002d7ec965"
+routines_sha256 = "af23d2f112bb2c77e0a67f53ba0c4a4fdcdd0316cae5a08a5d9cf1c627af6aba"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -113,6 +113,28 @@ def test_an_alarm_of_a_pair_that_conflicts_as_planned_is_one_while_it_has_no_sla
     assert numbers[1] == numbers[2] == numbers[3] == numbers[4]
 
 
+def test_a_pair_that_parts_and_meets_again_is_another_alarm(conn: Conn) -> None:
+    """The ferry passes the area twice, an hour apart, and is 10 minutes late."""
+    area = Area("DIVING", [(0.49, -0.01), (0.51, -0.01), (0.51, 0.01), (0.49, 0.01)])
+    ferry = Track(
+        "FERRY", [(0, 0), (1, 0), (0, 0)], [us(-100), us(-40), us(20)], rectangle_outline_m(500, 500, 500, 500)
+    )
+    store.replace_scene(conn, Scene("s", delays_within_s=7200), [area], [ferry], merge=False)
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    verdicts, numbers = [], []
+    for minute, lon in ((-66, 24 / 60), (-61, 29 / 60), (-60, 30 / 60), (-55, 35 / 60), (-20, 50 / 60), (0, 30 / 60)):
+        put(conn, "FERRY", minute, lon, 0)
+        ((verdict, *_, number),) = look(conn, minute).values()
+        verdicts.append(verdict)
+        numbers.append(number)
+    assert numbers[:3] == [numbers[0]] * 3
+    assert numbers[3:] == [numbers[-1]] * 3
+    assert numbers[0] != numbers[-1]
+    assert verdicts[0] == verdicts[4] == "must"
+    assert verdicts[-1] == "now"
+
+
 def test_what_cannot_be_looked_up_is_may_by_name(conn: Conn) -> None:
     plans = [crossing("A", 0, north=False), crossing("B", 0, north=True), crossing("C", -60, north=False)]
     detected(conn, plans)
