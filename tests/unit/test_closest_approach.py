@@ -120,6 +120,14 @@ def stays_near(given: Given, separation_m: float) -> list[bool]:
     return [bool(one) for one in found]
 
 
+def test_no_groups_are_no_error() -> None:
+    """Nothing is asked, and nothing returned."""
+    given = Given.of(WORKLOADS[0], 3, 4, EarthModel.SPHERE)
+    nothing, whole = np.empty(0), np.empty(0, np.int64)
+    found = closest(given.held, *[whole] * 3, nothing, nothing, np.zeros(1, np.int64), nothing, nothing, kernel.Work())
+    assert len(found.at_s) == 0
+
+
 def test_nearness_is_proven_up_to_half_a_radius() -> None:
     """The comparison with a sphere that the proof uses is sound for distances of less than half of the radius."""
     ships = [
