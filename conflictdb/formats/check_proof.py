@@ -815,8 +815,8 @@ class Checker:
                 periods.append(((a - zero) / 1e6 - sharp_s, (b - zero) / 1e6 + sharp_s))
             elif a <= start and b >= end:
                 periods.append((0.0, 0.0))
-        if not is_closed and not is_still:
-            periods.append((lasts - sharp_s, lasts))
+        # Contact at an end that does not belong to both is none, and no proof reaches it.
+        last, is_open = inf if is_closed or is_still else lasts - sharp_s, False
         needed = _without(band, periods)
         line = self.steps.get((p.number, q.number, turns))
         steps: Any = json.loads(line)[3:] if line else [None]
@@ -826,11 +826,14 @@ class Checker:
             is_needed = any(max(a, t) < min(b, u) or (a == b and t <= a <= u) for a, b in needed)
             angle = _or(steps[k], inf)
             is_sound = t <= u <= lasts and (not is_needed or isfinite(angle))
-            if not is_sound or (is_needed and not _is_apart(scene.plane, p, q, turns, zero, (t, u), angle, apart_m)):
+            if is_needed and t >= last and t <= u <= lasts and not isfinite(angle):
+                is_open = True
+            elif not is_sound or (is_needed and not _is_apart(scene.plane, p, q, turns, zero, (t, u), angle, apart_m)):
                 at = "" if is_still else f" from {EPOCH + timedelta(microseconds=zero + 1e6 * t)} on"
                 return f"pieces {p.number} and {q.number} are not proven apart{at}"
             self.counts["steps"] += is_needed
             t = u
+        self.unchecked[f"pairs of pieces, for the last {sharp_s:g} s of a plan"] += is_open
         self.counts["pairs of pieces " + ("proven apart" if needed else "in a period that is reported")] += 1
         return ""
 
@@ -928,6 +931,7 @@ def main(arguments: list[str]) -> int:
         return 1
     out(f"{len(given['objects']):12,} objects\n{len(checker.scene.pieces):12,} pieces\n")
     out("".join(f"{count:12,} {name}\n" for name, count in sorted(checker.counts.items())))
+    checker.unchecked = +checker.unchecked
     out("".join(f"not checked: {count:,} {name}\n" for name, count in sorted(checker.unchecked.items())))
     out("".join(f"without proof: {why}\n" for why in checker.unproven[:20]))
     if checker.unproven:

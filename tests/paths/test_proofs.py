@@ -61,7 +61,7 @@ def test_proof_of_scene(tmp_path: Path, name: str) -> None:
     assert made, made
     assert status in (ACCEPTED, SOMETHING_IS_NOT_CHECKED), report
     lines = [line for line in report.splitlines() if line.startswith("not checked")]
-    known = ("with tolerances", "separation in time", "schedules", "verdicts", "which were not cut")
+    known = ("with tolerances", "separation in time", "schedules", "verdicts", "which were not cut", "s of a plan")
     assert all(any(one in line for one in known) for line in lines), report
 
 
@@ -137,6 +137,19 @@ def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(check_proof.Refused, match="no whole number of turns"):
         check_proof.Checker(invented)
     assert forged.outcome(invented) == "refused"
+
+
+def test_a_touch_as_a_plan_ends_is_named(tmp_path: Path) -> None:
+    """The end does not belong to the plan: no conflict, and the checker says that the last part has no proof."""
+    area = Area("closed", shapely.box(5.5, 55.9, 5.8, 56.1))
+    haven_m = [(0.0, 0.0)]
+    boat = Track("boat", [(5.0, 56.0), (5.5, 56.0)], [0, 3_600_000_000], haven_m)
+    scene = Scene("s", tolerance_m=0.0)
+    assert not solve([boat], [area], scene)
+    certify([boat], [area], tmp_path / "proof", scene)
+    status, report = checked(tmp_path / "proof")
+    assert status == SOMETHING_IS_NOT_CHECKED, report
+    assert "not checked: 1 pairs of pieces, for the last 0.01 s of a plan" in report
 
 
 def delayed_scene(seed: int, **more: float) -> tuple[Scene, list[Area], list[Track]]:
