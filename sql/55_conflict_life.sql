@@ -67,7 +67,15 @@ BEGIN
     IF NOT EXISTS (SELECT FROM proposal p WHERE p.scene_id = p_scene_id AND p.applied_at IS NOT NULL) THEN
         RETURN NULL;
     END IF;
-    RETURN (SELECT max(m.proposal_id)
+    RETURN greatest((SELECT max(m.proposal_id)
+            FROM area a
+            JOIN proposal_move m ON m.scene_id = a.scene_id AND m.area_id = a.area_id AND m.version_after = a.version
+            JOIN proposal p ON p.proposal_id = m.proposal_id AND p.applied_at IS NOT NULL
+            JOIN change c ON c.scene_id = a.scene_id AND c.object_kind = 0 AND c.object_id = a.area_id
+                             AND c.version = a.version
+            WHERE a.scene_id = p_scene_id
+              AND (p_a_kind = 0 AND a.key = p_a_key OR p_b_kind = 0 AND a.key = p_b_key)),
+           (SELECT max(m.proposal_id)
             FROM track t
             JOIN proposal_move m ON m.scene_id = t.scene_id AND m.track_id = t.track_id
             JOIN proposal p ON p.proposal_id = m.proposal_id AND p.applied_at IS NOT NULL
@@ -78,7 +86,7 @@ BEGIN
             JOIN change c ON c.scene_id = t.scene_id AND c.object_kind = 1 AND c.object_id = t.track_id
                              AND c.version = t.version
             WHERE t.scene_id = p_scene_id
-              AND (p_a_kind = 1 AND t.key = p_a_key OR p_b_kind = 1 AND t.key = p_b_key));
+              AND (p_a_kind = 1 AND t.key = p_a_key OR p_b_kind = 1 AND t.key = p_b_key)));
 END
 $$;
 COMMENT ON FUNCTION _proposal_of_pair(bigint, smallint, text, smallint, text) IS

@@ -51,10 +51,19 @@ BEGIN
                                             speed double precision, clears text[], passes jsonb, detour jsonb,
                                             text text)
         JOIN track t ON t.scene_id = p_scene_id AND t.key = m.key;
+    INSERT INTO proposal_move (proposal_id, scene_id, area_id, key, version, planned_footprint, footprint,
+                               planned_span, planned_activations, delay_s, speed, clears, passes, place, explanation)
+        SELECT v_proposal_id, p_scene_id, a.area_id, a.key, a.version, a.footprint,
+               coalesce(ST_SetSRID(ST_GeomFromWKB(decode(m.footprint, 'hex')), 4326), a.footprint),
+               a.active_span, a.activations, m.delay_s, m.speed, m.clears, m.passes, m.place, m.text
+        FROM jsonb_to_recordset(p_moves) m (key text, footprint text, delay_s double precision,
+                                            speed double precision, clears text[], passes jsonb, place jsonb,
+                                            text text)
+        JOIN area a ON a.scene_id = p_scene_id AND a.key = m.key;
     INSERT INTO proposal_left (proposal_id, scene_id, key, blocked_by)
         SELECT v_proposal_id, p_scene_id, l.key, l.blocked_by
         FROM jsonb_to_recordset(p_left) l (key text, blocked_by text[]);
-    -- A track that is gone or has other waypoints has no move.
+    -- A plan that is gone or has other waypoints has no move.
     PERFORM _check_unchanged(v_proposal_id);
     RETURN v_proposal_id;
 END
@@ -101,6 +110,26 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _windows_later(jsonb, double precision) IS
 'Tolerances whose windows are later by a delay, to the microsecond.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._span_later(p_span tstzrange, p_by_s double precision) RETURNS tstzrange
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT tstzrange(lower(p_span) + x.by, upper(p_span) + x.by)
+    FROM (SELECT round((p_by_s * 1e6)::numeric)::bigint * interval '1 microsecond' AS by) x;
+END;
+COMMENT ON FUNCTION _span_later(tstzrange, double precision) IS
+'A span [start, end) that is later by a delay, to the microsecond.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._spans_later(
+    p_spans tstzmultirange, p_by_s double precision
+) RETURNS tstzmultirange
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_spans IS NULL THEN NULL ELSE
+        coalesce((SELECT range_agg(_span_later(r, p_by_s)) FROM unnest(p_spans) r), '{}'::tstzmultirange) END;
+END;
+COMMENT ON FUNCTION _spans_later(tstzmultirange, double precision) IS
+'Activations [start, end) that are later by a delay, to the microsecond.';
 
 CREATE OR REPLACE FUNCTION proposal_changes(p_proposal_id bigint) RETURNS text[]
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
@@ -200,14 +229,17 @@ BEGIN
         FOUND := _raise('42501', format('proposal %s', NEW.proposal_id), 'moves',
                         'can be added only by the transaction that makes it', 'proposal_whole');
     END IF;
-    -- Who applies it reads the key, and the track or the rows of its attached table move.
+    -- Who applies it reads the key, and the plan or the rows of its attached table move.
     IF TG_TABLE_NAME = 'proposal_move'
        AND NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE')
        AND NOT EXISTS (SELECT FROM jsonb_populate_record(NULL::proposal_move,
-                                                         to_jsonb(NEW) - '{path,planned}'::text[]) m
-                       JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id AND t.key = m.key) THEN
+                                                         to_jsonb(NEW) - '{path,planned,footprint,planned_footprint}'
+                                                                             ::text[]) m
+                       LEFT JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id AND t.key = m.key
+                       LEFT JOIN area a ON a.area_id = m.area_id AND a.scene_id = m.scene_id AND a.key = m.key
+                       WHERE num_nonnulls(t.track_id, a.area_id) = 1) THEN
         FOUND := _raise('ZC011', format('proposal %s', NEW.proposal_id), 'moves',
-                        format('name track %L, which has another number', to_jsonb(NEW) ->> 'key'),
+                        format('name plan %L, which has another number', to_jsonb(NEW) ->> 'key'),
                         'proposal_of_track');
     END IF;
     RETURN NEW;
@@ -215,7 +247,7 @@ END
 $$;
 COMMENT ON FUNCTION _before_proposal_part() IS
 'Trigger: raises insufficient_privilege for a move of a proposal that another role or transaction has made, ZC011 '
-'for a move whose number and key are of two tracks.';
+'for a move whose number and key are of two plans.';
 CREATE OR REPLACE TRIGGER proposal_move_made BEFORE INSERT ON proposal_move
     FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_part();
 ALTER TABLE proposal_move ENABLE ALWAYS TRIGGER proposal_move_made;
@@ -330,7 +362,15 @@ DECLARE
     v_moved bigint := 0;
     v_attachment attachment;
     v_one record;
+    v_key text;
 BEGIN
+    SELECT m.key INTO v_key FROM proposal_move m JOIN attached_object o ON o.object_id = m.area_id
+        JOIN attachment a ON a.attachment_id = o.attachment_id AND a.scene_id = m.scene_id AND a.object_kind = 0
+        WHERE m.proposal_id = p_proposal_id ORDER BY m.key LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC009', v_who, 'attached', format('moves area %L of an attached table', v_key),
+                        'proposal_attached', 'Change its rows yourself; the scene follows.');
+    END IF;
     FOR v_one IN
         SELECT s.*, o.identity, t.version = m.version AS is_as_planned
         FROM proposal_statements(p_proposal_id, p_undo) s
@@ -412,12 +452,22 @@ BEGIN
     ), kept AS (
         UPDATE proposal_move m SET version_after = d.version
             FROM moved d WHERE m.proposal_id = p_proposal_id AND m.track_id = d.track_id
+    ), moved_area AS (
+        UPDATE area a SET footprint = m.footprint, active_span = _span_later(m.planned_span, m.delay_s),
+                          activations = _spans_later(m.planned_activations, m.delay_s)
+            FROM proposal_move m
+            WHERE m.proposal_id = p_proposal_id AND a.area_id = m.area_id AND a.version = m.version
+              AND a.scene_id = m.scene_id
+            RETURNING a.area_id, a.version
+    ), kept_area AS (
+        UPDATE proposal_move m SET version_after = d.version
+            FROM moved_area d WHERE m.proposal_id = p_proposal_id AND m.area_id = d.area_id
     )
-    SELECT count(*) INTO v_moved FROM moved;
+    SELECT (SELECT count(*) FROM moved) + (SELECT count(*) FROM moved_area) INTO v_moved;
     IF v_moved + v_attached < v_moves THEN
-        -- A track was changed between the check and the update, by a transaction that has just committed.
+        -- A plan was changed between the check and the update, by a transaction that has just committed.
         PERFORM _check_unchanged(p_proposal_id);
-        RAISE EXCEPTION 'proposal %: a track changed while it was applied', p_proposal_id
+        RAISE EXCEPTION 'proposal %: a plan changed while it was applied', p_proposal_id
             USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
     END IF;
     UPDATE proposal p SET applied_at = now() WHERE p.proposal_id = p_proposal_id;
@@ -425,7 +475,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION apply_proposal(bigint, boolean) IS
-'Moves the tracks of a proposal, all or none, and returns their number. Raises ZC018, naming what changed, if anything '
+'Moves the plans of a proposal, all or none, and returns their number. Raises ZC018, naming what changed, if anything '
 'in the scene changed since it was computed; ZC013 if it was applied before. Tracks of attached tables: ZC009 with the '
 'statement to run, or with p_attached runs it with the rights of the current role.';
 
@@ -444,11 +494,16 @@ BEGIN
     END IF;
     PERFORM FROM track t JOIN proposal_move m USING (track_id) WHERE m.proposal_id = p_proposal_id
         ORDER BY t.track_id FOR UPDATE OF t;
-    SELECT string_agg(format('track %L', m.key), ', ' ORDER BY m.key) INTO v_changed
-        FROM proposal_move m LEFT JOIN track t USING (track_id)
-        -- Rows of attached tables may not have been read since.
+    PERFORM FROM area a JOIN proposal_move m USING (area_id) WHERE m.proposal_id = p_proposal_id
+        ORDER BY a.area_id FOR UPDATE OF a;
+    SELECT string_agg(format('%s %L', CASE WHEN m.area_id IS NULL THEN 'track' ELSE 'area' END, m.key), ', '
+                      ORDER BY m.key) INTO v_changed
+        FROM proposal_move m LEFT JOIN track t USING (track_id) LEFT JOIN area a ON a.area_id = m.area_id
+        -- Rows of attached tables may not have been read since; a detection expands schedules, which is a new version.
         WHERE m.proposal_id = p_proposal_id
-          AND CASE WHEN m.version_after IS NULL
+          AND CASE WHEN a.schedule IS NOT NULL THEN a.footprint::bytea IS DISTINCT FROM m.footprint::bytea
+                   WHEN m.area_id IS NOT NULL THEN a.version IS DISTINCT FROM m.version_after
+                   WHEN m.version_after IS NULL
                    THEN t.path::bytea IS DISTINCT FROM m.path::bytea AND t.version IS DISTINCT FROM m.version
                    ELSE t.version IS DISTINCT FROM m.version_after END;
     IF v_changed IS NOT NULL THEN
@@ -465,12 +520,24 @@ BEGIN
     )
     UPDATE proposal_move m SET version_after = d.version
         FROM moved d WHERE m.proposal_id = p_proposal_id AND m.track_id = d.track_id;
+    WITH moved AS (
+        UPDATE area a SET footprint = m.planned_footprint,
+                          active_span = CASE WHEN a.schedule IS NULL THEN m.planned_span ELSE a.active_span END,
+                          activations = CASE WHEN a.schedule IS NULL THEN m.planned_activations ELSE a.activations END
+            FROM proposal_move m
+            WHERE m.proposal_id = p_proposal_id AND a.area_id = m.area_id AND a.scene_id = m.scene_id
+                  AND m.version_after IS NOT NULL
+            RETURNING a.area_id, a.version
+    )
+    UPDATE proposal_move m SET version_after = d.version
+        FROM moved d WHERE m.proposal_id = p_proposal_id AND m.area_id = d.area_id;
     UPDATE proposal p SET undone_at = now() WHERE p.proposal_id = p_proposal_id;
     RETURN v_moves;
 END
 $$;
 COMMENT ON FUNCTION undo_proposal(bigint, boolean) IS
-'Gives the tracks of an applied proposal their exact former times, all or none, and returns their number. Raises '
+'Gives the plans of an applied proposal their exact former times and places, all or none, and returns their number. '
+'Raises '
 'ZC018, naming them, if any of them changed since; other objects may have. p_attached: as for apply_proposal.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._proposed(p_scene text, p_key text) RETURNS TABLE (
@@ -495,7 +562,8 @@ SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
        p.goal, p.objective_s, p.bound_s, p.is_least,
        (SELECT coalesce(jsonb_agg(jsonb_build_object('key', m.key, 'delay_s', m.delay_s, 'speed', m.speed, 'clears',
                                                      m.clears, 'passes', m.passes, 'detour', m.detour, 'text',
-                                                     m.explanation)
+                                                     m.explanation, 'is_area', m.area_id IS NOT NULL, 'place',
+                                                     m.place)
                                   ORDER BY m.key), '[]')
         FROM proposal_move m WHERE m.proposal_id = p.proposal_id) AS moves,
        (SELECT coalesce(jsonb_agg(jsonb_build_object('key', l.key, 'blocked_by', l.blocked_by) ORDER BY l.key), '[]')
@@ -504,8 +572,8 @@ SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
 FROM scene s JOIN proposal p USING (scene_id);
 
 COMMENT ON VIEW proposals IS
-'Changes of tracks that clear a scene. apply_proposal applies one, undo_proposal undoes it, proposal_changes says '
-'whether it is out of date.';
+'Changes of tracks and areas that clear a scene. apply_proposal applies one, undo_proposal undoes it, '
+'proposal_changes says whether it is out of date.';
 COMMENT ON COLUMN proposals.scene IS 'Name of the scene.';
 COMMENT ON COLUMN proposals.proposal_id IS 'Id.';
 COMMENT ON COLUMN proposals.made_at IS 'When it was computed.';
@@ -517,7 +585,8 @@ COMMENT ON COLUMN proposals.bound_s IS 'No other choice that leaves so few track
 COMMENT ON COLUMN proposals.is_least IS
 'Whether it is proven that no other choice leaves fewer tracks, or as many for less, to a millisecond.';
 COMMENT ON COLUMN proposals.moves IS
-'Tracks that move: {"key", "delay_s", "speed", "clears", "passes", "detour", "text"}; negative delays: earlier.';
+'Plans that move: {"key", "delay_s", "speed", "clears", "passes", "detour", "text", "is_area", "place"}; negative '
+'delays: earlier; place: of an area that moves aside, {"distance_m", "bearing_deg"}.';
 COMMENT ON COLUMN proposals.left_as_planned IS
 'Tracks that stay in conflict: {"key", "blocked_by"}, the keys of objects that forbid every change.';
 COMMENT ON COLUMN proposals.applied_at IS 'When it was applied; null: never.';
@@ -544,10 +613,17 @@ COMMENT ON COLUMN proposal.undone_by IS 'User who undid it, or null.';
 COMMENT ON TABLE proposal_move IS 'Moves of proposals.';
 COMMENT ON COLUMN proposal_move.proposal_id IS 'Proposal.';
 COMMENT ON COLUMN proposal_move.scene_id IS 'Scene of the proposal.';
-COMMENT ON COLUMN proposal_move.track_id IS 'Track that moves.';
+COMMENT ON COLUMN proposal_move.track_id IS 'Track that moves; null: an area moves.';
+COMMENT ON COLUMN proposal_move.area_id IS 'Area that moves; null: a track moves.';
+COMMENT ON COLUMN proposal_move.planned_footprint IS 'Footprint of the area as planned.';
+COMMENT ON COLUMN proposal_move.footprint IS 'Its footprint if the proposal is applied.';
+COMMENT ON COLUMN proposal_move.planned_span IS 'When the area is active as planned; null: activations only.';
+COMMENT ON COLUMN proposal_move.planned_activations IS 'Its several times as planned; null: one.';
+COMMENT ON COLUMN proposal_move.place IS
+'How far the area moves: {"distance_m", "bearing_deg"}; null: it stays where it is, or a track moves.';
 COMMENT ON COLUMN proposal_move.key IS 'Its key.';
 COMMENT ON COLUMN proposal_move.version IS 'Its version that the move was computed from.';
-COMMENT ON COLUMN proposal_move.planned IS 'Its path as planned.';
+COMMENT ON COLUMN proposal_move.planned IS 'Path of the track as planned.';
 COMMENT ON COLUMN proposal_move.path IS 'Its path if the proposal is applied.';
 COMMENT ON COLUMN proposal_move.delay_s IS 'How much later all of its times are, seconds; negative: earlier.';
 COMMENT ON COLUMN proposal_move.speed IS 'Factor of its planned speed.';
@@ -558,8 +634,8 @@ COMMENT ON COLUMN proposal_move.detour IS
 COMMENT ON COLUMN proposal_move.explanation IS 'The move in one sentence.';
 COMMENT ON COLUMN proposal_move.version_after IS
 'Its version since the proposal was applied, or undone; null before, and for tracks of attached tables.';
-COMMENT ON TABLE proposal_left IS 'Tracks that proposals leave in conflict.';
+COMMENT ON TABLE proposal_left IS 'Plans that proposals leave in conflict.';
 COMMENT ON COLUMN proposal_left.proposal_id IS 'Proposal.';
 COMMENT ON COLUMN proposal_left.scene_id IS 'Scene of the proposal.';
-COMMENT ON COLUMN proposal_left.key IS 'Key of the track.';
+COMMENT ON COLUMN proposal_left.key IS 'Key of the plan.';
 COMMENT ON COLUMN proposal_left.blocked_by IS 'Keys of the objects that forbid every change.';

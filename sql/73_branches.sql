@@ -40,6 +40,21 @@ BEGIN
             /* end */
             FROM proposal_move m JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id
             WHERE m.proposal_id = p_proposal_id;
+        INSERT INTO area (
+            scene_id, key,
+            /* area columns: NAME */
+            footprint, active_span, floor_m, ceiling_m, name, properties, class, owner, activations, schedule
+            /* end */
+        ) SELECT
+            v_branch_id, a.key,
+            /* area columns: WRITTEN(a) but footprint = m.footprint but active_span = s.span
+               but activations = s.spans */
+            m.footprint, s.span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner, s.spans, a.schedule
+            /* end */
+            FROM proposal_move m JOIN area a ON a.area_id = m.area_id AND a.scene_id = m.scene_id
+            CROSS JOIN LATERAL (SELECT _span_later(m.planned_span, m.delay_s) AS span,
+                                       _spans_later(m.planned_activations, m.delay_s) AS spans) s
+            WHERE m.proposal_id = p_proposal_id;
     END IF;
     RETURN v_branch_id;
 END

@@ -52,11 +52,12 @@ def _tried(args: argparse.Namespace) -> str:
     """Return what was tried for those that stay in conflict, and which options would look further."""
     tried = [f"delays up to {duration_text(args.within)}"]
     further = ["--within (longer delays)"]
+    places = " and places of areas" if args.movable else ""
     for is_given, what, option in (
         (args.now is not None, "earlier departures", "--now (earlier departures)"),
         (not args.slowest == args.fastest == 1.0, "other speeds", "--slowest and --fastest (other speeds)"),
-        (args.aside > 0.0, "new waypoints", "--aside (new waypoints)"),
-        (bool(args.movable), "other times of areas", "--movable (other times of areas)"),
+        (args.aside > 0.0, f"new waypoints{places}", f"--aside (new waypoints{places})"),
+        (bool(args.movable), "other times of areas", "--movable (other times of areas, with --aside other places)"),
     ):
         if is_given:
             tried.append(what)
@@ -76,7 +77,7 @@ def apply(args: argparse.Namespace) -> int:
         out("the proposal moves nothing")
         return DONE
     done = "restored" if args.undo else "moved"
-    out(f"{done} {count} track{'' if count == 1 else 's'}; the scene waits for detection")
+    out(f"{done} {count} plan{'' if count == 1 else 's'}; the scene waits for detection")
     return DONE
 
 
@@ -103,10 +104,8 @@ def proposal_text(found: Proposal, names: Mapping[str, str], clock: Clock) -> st
     number = "" if found.proposal_id is None else f" {found.proposal_id}"
     summary = f"proposal{number}: {len(found.moves)} moved, {len(found.left)} left, {margin}; {what} "
     summary += f"{duration_text(found.objective_s)}, {proof}"
-    apply = "areas move: it is not stored; give them these times in their file, or in a branch"
-    if found.proposal_id is not None:
-        apply = f"apply it: {program()} apply {found.proposal_id}"
-    return "\n".join([*lines, "", summary, apply])
+    stored = [] if found.proposal_id is None else [f"apply it: {program()} apply {found.proposal_id}"]
+    return "\n".join([*lines, "", summary, *stored])
 
 
 def _keys(found: Proposal) -> Iterator[str]:

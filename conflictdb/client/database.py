@@ -272,7 +272,7 @@ class Database:
         return store.attachments(self.connection, None)
 
     def apply_proposal(self, proposal_id: int, *, attached: bool = False) -> int:
-        """Move the tracks of a proposal, all or none, and return their number; the scene then waits for detection.
+        """Move the plans of a proposal, all or none, and return their number; the scene then waits for detection.
 
         attached : also change the rows of attached tables, if the connection's role attached them
 
@@ -282,7 +282,7 @@ class Database:
         return store.apply_proposal(self.connection, proposal_id, attached=attached)
 
     def undo_proposal(self, proposal_id: int, *, attached: bool = False) -> int:
-        """Give the tracks of an applied proposal their exact former times, all or none, and return their number.
+        """Give the plans of an applied proposal their exact former times, all or none, and return their number.
 
         Raises InvalidInput, naming them, if any of these tracks changed since; StoreError if it is not applied.
         """

@@ -633,7 +633,7 @@ class StoredScene:
 
         Computed from the objects as they are stored, whether they were detected or not; verified by a detection of the
         whole changed scene. Nothing moves until `Database.apply_proposal` is called with its `proposal_id`. The
-        parameters are those of `conflictdb.resolve`. A proposal that moves areas is not stored, and has no id.
+        parameters are those of `conflictdb.resolve`.
 
         Raises InvalidInput for unknown keys, for limits that are none, and if the scene changes meanwhile.
         """

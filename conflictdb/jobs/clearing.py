@@ -17,8 +17,6 @@ def resolve(
 ) -> Proposal:
     """Store what clears a scene, as its objects are stored, and return it with its id.
 
-    A proposal that moves areas is not stored, and has no id.
-
     compute : called with tracks, areas and settings
 
     Raises InvalidInput if the scene does not exist, or changes meanwhile, ReadOnlyDatabase on a standby.
@@ -29,8 +27,7 @@ def resolve(
         basis = store.proposal_basis(conn, scene_id)
         settings, areas, tracks = store.read_scene(conn, scene)
     found = compute(tracks, areas, settings)
-    if any(move.is_area for move in found.moves):
-        return found
     moves = {one.key: one for one in found.moves}
-    changed = {track.key: moved(settings, track, moves[track.key]) for track in tracks if track.key in moves}
+    plans: list[Area | Track] = [*areas, *tracks]
+    changed = {plan.key: moved(settings, plan, moves[plan.key]) for plan in plans if plan.key in moves}
     return replace(found, proposal_id=store.put_proposal(conn, scene_id, basis, found, changed))

@@ -10,7 +10,7 @@ import numpy as np
 from conflictdb.core.delays import Differences
 from conflictdb.memory import questions
 from conflictdb.model.plans import MAX_DISTANCE_M, METRES_PER_NMI, Area, Scene, Track
-from conflictdb.model.proposals import Move, NewWaypoints, Passing, Side
+from conflictdb.model.proposals import Move, NewPlace, NewWaypoints, Passing, Side
 from conflictdb.model.results import Conflict
 
 # Closest approaches are told up to this much beyond the required separation, metres.
@@ -24,7 +24,7 @@ def moves_of(
     delays: Mapping[str, int],
     exact: Mapping[str, int],
     speeds: Mapping[str, float],
-    ways: Mapping[str, NewWaypoints],
+    ways: Mapping[str, NewWaypoints | NewPlace],
     cleared: Iterable[tuple[str, str]],
     found: Differences,
     key_of: Mapping[int, str],
@@ -33,7 +33,7 @@ def moves_of(
     """Return the moves, by key.
 
     changed : all tracks as they are after the moves
-    delays, speeds, ways : of the tracks that move, microseconds, factors and new waypoints
+    delays, speeds, ways : of the plans that move, microseconds, factors, new waypoints and places
     exact : the delays before they were rounded
     cleared : the pairs that are in conflict as planned, and no longer
     found : the differences of all plans that may move
@@ -71,8 +71,11 @@ def moves_of(
             )
         cleared_keys = tuple(sorted(clears[key], key=str.encode))
         delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
-        change = delay_s, speed, cleared_keys, tuple(passes), ways.get(key)
-        moves.append(Move(key, *change, departs_at.get(key), is_area=key not in changed))
+        way = ways.get(key)
+        detour = way if isinstance(way, NewWaypoints) else None
+        change = delay_s, speed, cleared_keys, tuple(passes), detour
+        place = way if isinstance(way, NewPlace) else None
+        moves.append(Move(key, *change, departs_at.get(key), is_area=key not in changed, place=place))
     return moves
 
 

@@ -4,17 +4,19 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, tzinfo
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.core import moving_plans
 from conflictdb.core.delays import differences_of, start_of
 from conflictdb.core.near import Memory
 from conflictdb.core.to_results import moment_of
 from conflictdb.core.world import Reach
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.memory import questions
+from conflictdb.memory.area_places import nearest_place
 from conflictdb.memory.detours import is_changing, rerouted, ways_of
 from conflictdb.memory.index import Index
 from conflictdb.memory.least import Solution, least
@@ -27,7 +29,7 @@ from conflictdb.model.clock import Clock
 from conflictdb.model.margin import Margin
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
+from conflictdb.model.proposals import Goal, Left, Move, NewPlace, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
 
 _Ints = NDArray[np.int64]
@@ -156,14 +158,16 @@ def resolve(
         Tracks that no delay clears go at another speed, from `slowest` to `fastest` times the planned one; by default
         none does.
     aside_m : float
-        Tracks that neither clears get one or two new waypoints on a leg, up to this far aside of it, and arrive at most
-        `within_s` later; by default none does. Their size and heights must not change on the way.
+        Movable areas that no time clears go up to this far aside, at their true size: the least whole number of tenths
+        of a nautical mile on one of eight bearings. Tracks that neither clears get one or two new waypoints on a leg,
+        up to this far aside of it, and arrive at most `within_s` later; by default none does. Their size and heights
+        must not change on the way.
     goal : str
         ``total``, the sum of all delays, or ``largest``.
     limit_s : float
         Time for the proof, seconds.
     movable : collection of str
-        The areas that may move in time, if they are in conflict; by default none.
+        The areas that may move if they are in conflict: in time, and with `aside_m` in place; by default none.
     margin_s, margin_m : float
         Wanted on top of the required separations in time and in distance: plans that come nearer are in conflict here.
     round_s : float
@@ -220,7 +224,10 @@ def resolve(
     fixed = {key: area for key, area in of_areas.items() if key not in plans}
     notes = yielding_areas(before, unkept, fixed, scene.rules)
     for key in sorted(concerned & repeated - set(keep), key=str.encode):
-        notes.append(f"area {key!r} {_AREA_REPEATED}" if key in of_areas else f"track {key!r} {_REPEATED}")
+        if key not in of_areas:
+            notes.append(f"track {key!r} {_REPEATED}")
+        elif not limits.aside_m:
+            notes.append(f"area {key!r} {_AREA_REPEATED}")
     stuck = sorted((rest & planned.keys()) - speeds.keys(), key=str.encode)
     if not limits.slowest == limits.fastest == 1.0:
         notes += [f"track {key!r} {_AS_FAST}" for key in stuck if planned[key].tolerances is not None]
@@ -228,14 +235,20 @@ def resolve(
         notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_changing(planned[key])]
     ways = _ways(scene, changed, areas, stuck, limits)
     changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
+    fixed_times = {key for key in concerned & repeated & set(movable) - set(keep) if key in of_areas}
+    places = _places(scene, changed, areas, sorted((rest & of_areas.keys()) | fixed_times, key=str.encode), limits)
+    areas = [_elsewhere(scene, area, places[area.key]) if area.key in places else area for area in areas]
     after = conflicts(changed.values(), areas, scene)
-    _verify(before, after, set(moving) - (rest - speeds.keys() - ways.keys()))
+    _verify(before, after, {*moving, *places} - (rest - speeds.keys() - ways.keys() - places.keys()))
     blocked = {moving[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
     still = sorted({key for pair in after for key in pair if key in plans}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
     leaves = zip(moving, departs, strict=True)
     departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves if at is not None}
-    moves = moves_of(scene, changed, areas, delays, exact, speeds, ways, before - after, found, key_of, departs_at)
+    ways_and_places: dict[str, NewWaypoints | NewPlace] = {**ways, **places}
+    moves = moves_of(
+        scene, changed, areas, delays, exact, speeds, ways_and_places, before - after, found, key_of, departs_at
+    )
     return Proposal(
         tuple(moves),
         tuple(left),
@@ -266,11 +279,13 @@ def at_speed(track: Track, factor: float) -> Track:
     return replace(track, times_us=times, max_speed_kn=np.inf)
 
 
-def moved(scene: Scene, track: Track, move: Move) -> Track:
-    """Return a track as a move changes it."""
+def moved(scene: Scene, plan: Area | Track, move: Move) -> Area | Track:
+    """Return a plan as a move changes it."""
+    if isinstance(plan, Area):
+        return later(plan, round(1e6 * move.delay_s)) if move.place is None else _elsewhere(scene, plan, move.place)
     if move.detour is not None:
-        return rerouted(scene, track, move.detour)
-    return at_speed(track, move.speed) if move.speed != 1.0 else later(track, round(1e6 * move.delay_s))
+        return rerouted(scene, plan, move.detour)
+    return at_speed(plan, move.speed) if move.speed != 1.0 else later(plan, round(1e6 * move.delay_s))
 
 
 def place(program: Program, order: Sequence[int], level: _Ints, goal: str, limit_s: float) -> Solution:
@@ -373,6 +388,29 @@ def _ways(
             track = one.track
         index.put(track)
     return found
+
+
+def _places(
+    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Sequence[str], limits: ProposalLimits
+) -> dict[str, NewPlace]:
+    """Return the least shifts of movable areas that no time clears, one area after another."""
+    if not (limits.aside_m > 0.0 and keys):
+        return {}
+    ends = time.monotonic() + limits.limit_s
+    index = Index(scene)
+    index.put([*areas, *changed.values()])
+    found = {}
+    for area in (one for one in areas if one.key in keys):
+        index.remove(area.key)
+        place = nearest_place(index, scene, area, limits.aside_m, ends)
+        if place is not None:
+            found[area.key] = place
+        index.put(area if place is None else _elsewhere(scene, area, place))
+    return found
+
+
+def _elsewhere(scene: Scene, area: Area, place: NewPlace) -> Area:
+    return cast("Area", moving_plans.moved(area, place.distance_m, place.bearing_deg, scene))
 
 
 def _verify(before: Pairs, after: Pairs, placed: set[str]) -> None:

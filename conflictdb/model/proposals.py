@@ -64,8 +64,20 @@ class NewWaypoints:
 
 
 @dataclass(frozen=True, slots=True)
+class NewPlace:
+    """Where an area goes, at its true size: how far, metres, on which bearing, degrees from north."""
+
+    distance_m: float
+    bearing_deg: float
+
+    def text(self, units: Units = Units.NAUTICAL) -> str:
+        """Return it in words: ``2.4 nmi on 270°``."""
+        return f"{units.distance(self.distance_m)} on {self.bearing_deg % 360.0:03.0f}°"
+
+
+@dataclass(frozen=True, slots=True)
 class Move:
-    """A change of one track, or of the times of one area.
+    """A change of one track, or of the times or the place of one area.
 
     delay_s : seconds by which all of its times are later, negative: earlier; whole microseconds
     speed : factor of its planned speed, on all legs, departing as planned; 1: as planned
@@ -74,6 +86,7 @@ class Move:
     detour : its new waypoints; None: it has the planned ones
     departs_at : when it departs, or is active first, then; None: an area without a start
     is_area : whether it is an area
+    place : where an area goes; None: it stays where it is
     """
 
     key: str
@@ -84,6 +97,7 @@ class Move:
     detour: NewWaypoints | None = None
     departs_at: datetime | None = None
     is_area: bool = False
+    place: NewPlace | None = None
 
     def text(self, names: Mapping[str, str] | None = None, clock: Clock = _EXACT, units: Units = Units.NAUTICAL) -> str:
         """Return the move in one sentence; names: of objects, by key."""
@@ -181,6 +195,8 @@ def duration_text(seconds: float) -> str:
 
 
 def _change(move: Move, clock: Clock, units: Units) -> str:
+    if move.place is not None:
+        return f"goes {move.place.text(units)}"
     if move.detour is not None:
         way = " and ".join(units.place(*place) for place in move.detour.waypoints_deg)
         longer = (

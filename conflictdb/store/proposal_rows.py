@@ -8,7 +8,7 @@ import psycopg
 from psycopg.types.json import Jsonb
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Track
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Proposal
 from conflictdb.store.connection import call, call_many, transaction
 
@@ -24,15 +24,19 @@ def put_proposal(
     scene_id: int,
     basis: dict[str, Any],
     proposal: Proposal,
-    changed: Mapping[str, Track],
+    changed: Mapping[str, Area | Track],
 ) -> int:
     """Store a proposal and return its id; InvalidInput if the scene has changed since the basis was read.
 
-    changed : the tracks that move, as they are then
+    changed : the plans that move, as they are then
     """
     rows = proposal.as_json()
     for row in rows["moves"]:
-        times_us = changed[row["key"]].times_us
+        plan = changed[row["key"]]
+        if isinstance(plan, Area):
+            row["footprint"] = None if row["place"] is None else plan.footprint.wkb_hex
+            continue
+        times_us = plan.times_us
         if (np.rint(times_us / 1e6 * 1e6).astype(np.int64) != times_us).any():
             rule = "cannot be kept to the microsecond: before November 1833 and after February 2106 it must be "
             rule += "whole seconds"
@@ -56,7 +60,7 @@ def proposed(conn: psycopg.Connection[Any], scene: str, key: str) -> tuple[int, 
 
 
 def apply_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: bool) -> int:
-    """Move the tracks of a proposal, all or none; return their number.
+    """Move the plans of a proposal, all or none; return their number.
 
     Raises InvalidInput if it does not exist, the scene has changed, or tracks of attached tables move unasked, and
     StoreError if it was applied before.
@@ -66,7 +70,7 @@ def apply_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached:
 
 
 def undo_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: bool) -> int:
-    """Give the tracks of an applied proposal their exact former times, all or none; return their number.
+    """Give the plans of an applied proposal their exact former times, all or none; return their number.
 
     Raises InvalidInput if one of them changed since, and StoreError if it is not applied.
     """

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "af23d2f112bb2c77e0a67f53ba0c4a4fdcdd0316cae5a08a5d9cf1c627af6aba"
+routines_sha256 = "573caed3fbc2fb4833dff8f15f4c084dd9941b3789394eb22cfbb2a01cb5caf3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -142,6 +142,27 @@ LIVE_EVENT_SCENE = """
 CREATE INDEX IF NOT EXISTS live_event_scene_id_btree ON conflictdb.live_event (scene_id, live_event_id)
 """
 
+# A proposal moves areas, too: in time, by `delay_s`, and in place, to another footprint.
+AREA_MOVES = """
+ALTER TABLE conflictdb.proposal_move
+    DROP CONSTRAINT IF EXISTS proposal_move_pkey,
+    ADD CONSTRAINT proposal_move_pkey PRIMARY KEY (proposal_id, key);
+ALTER TABLE conflictdb.proposal_move
+    ADD COLUMN IF NOT EXISTS area_id bigint,
+    ADD COLUMN IF NOT EXISTS planned_footprint geometry(MultiPolygon, 4326),
+    ADD COLUMN IF NOT EXISTS footprint geometry(MultiPolygon, 4326),
+    ADD COLUMN IF NOT EXISTS planned_span tstzrange,
+    ADD COLUMN IF NOT EXISTS planned_activations tstzmultirange,
+    ADD COLUMN IF NOT EXISTS place jsonb,
+    ALTER COLUMN track_id DROP NOT NULL,
+    ALTER COLUMN planned DROP NOT NULL,
+    ALTER COLUMN path DROP NOT NULL,
+    DROP CONSTRAINT IF EXISTS proposal_move_of_one,
+    ADD CONSTRAINT proposal_move_of_one CHECK (
+        num_nulls(track_id, planned, path) = CASE WHEN area_id IS NULL THEN 0 ELSE 3 END
+        AND num_nonnulls(planned_footprint, footprint) = CASE WHEN area_id IS NULL THEN 0 ELSE 2 END)
+"""
+
 STATEMENTS: tuple[str, ...] = (
     POSITION,
     *PARTITIONS,
@@ -155,6 +176,7 @@ STATEMENTS: tuple[str, ...] = (
     LIVE_EVENT_SCENE,
     REGIONS,
     CONFLICT_REGIONS,
+    AREA_MOVES,
 )
 
 

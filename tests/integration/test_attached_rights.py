@@ -492,7 +492,7 @@ def test_a_proposal_moves_the_track_that_it_names(conn: Conn, roles: dict[str, s
     with acting(conn, roles["other"]):
         conn.execute(copy)
         conn.execute(move.format("E").encode())
-        with pytest.raises(psycopg.Error, match="name track 'E', which has another number"):
+        with pytest.raises(psycopg.Error, match="name plan 'E', which has another number"):
             conn.execute(move.format("far").encode())
         conn.rollback()
 

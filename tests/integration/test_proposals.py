@@ -77,7 +77,7 @@ def proposed(scene: StoredScene) -> int:
 def stored_moves(proposal: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the moves of tracks as the view shows them: with the clock time in their texts alone."""
     moves: list[dict[str, Any]] = json.loads(json.dumps(proposal["moves"]))
-    return [{name: value for name, value in one.items() if name not in {"departs_at", "is_area"}} for one in moves]
+    return [{name: value for name, value in one.items() if name not in {"departs_at"}} for one in moves]
 
 
 def test_proposal_is_that_of_memory(db: Database, scene: StoredScene) -> None:
@@ -748,9 +748,9 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert answer["proposal_id"] == 2
     assert {"key", "delay_s", "clears", "passes", "text"} <= answer["moves"][0].keys()
     assert {"moves", "left", "objective_s", "bound_s"} <= answer.keys()
-    assert run("apply", 2).out.startswith(f"moved {len(answer['moves'])} track")
+    assert run("apply", 2).out.startswith(f"moved {len(answer['moves'])} plan")
     assert run("apply", 1).code == INPUT_REFUSED
-    assert run("apply", 2, "--undo").out.startswith(f"restored {len(answer['moves'])} track")
+    assert run("apply", 2, "--undo").out.startswith(f"restored {len(answer['moves'])} plan")
     aside = run("resolve", "--scene", "strait", "--within", "8h", "--aside", "40000")
     assert " via " in aside.out
     assert "keeps clear of CABLE" in aside.out
@@ -761,9 +761,11 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
         "DIVING (Diving on a wreck) is active from 2026-06-01 15:17 Europe/Copenhagen (4 h 17 min later)" in areas.out
     )
     assert "1 left, clear by 5 min; " in areas.out
-    assert "areas move: it is not stored" in areas.out
+    assert "apply it: " in areas.out
     nothing = run("resolve", "--scene", "strait", "--within", "1s", "SUB-1")
     assert nothing.out.splitlines()[-2] == "nothing found that may move"
     tried = nothing.out.splitlines()[-1]
     assert tried.startswith("tried: delays up to 1 s; these look further: --within (longer delays), --now (earlier ")
-    assert tried.endswith("--movable (other times of areas), no KEY, no --keep (all may move)")
+    assert tried.endswith(
+        "--movable (other times of areas, with --aside other places), no KEY, no --keep (all may move)"
+    )

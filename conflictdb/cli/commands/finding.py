@@ -286,7 +286,7 @@ def _add_questions(commands: Any) -> None:
         type=metres,
         default=0.0,
         metavar="DISTANCE",
-        help="try new waypoints so far off legs for tracks that no delay clears (default: none)",
+        help="what no delay clears: try new waypoints so far off legs, and areas so far aside (default: none)",
     )
     parser.add_argument(
         "--goal",
@@ -297,7 +297,13 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument(
         "--limit", type=duration_s, default=30.0, metavar="DURATION", help="time to compute (default: 30s)"
     )
-    parser.add_argument("--movable", nargs="+", default=[], metavar="KEY", help="areas that may move in time, too")
+    parser.add_argument(
+        "--movable",
+        nargs="+",
+        default=[],
+        metavar="KEY",
+        help="areas that may move, too: in time, and by --aside in place",
+    )
     add_options(parser, "--margin", "--round", "--tz")
     add_format(parser, "table", "json")
 

@@ -1,0 +1,119 @@
+"""Where an area could be instead: the least shift along bearings with which it meets nothing.
+
+Shifts are whole steps. Each one is checked by a detection of the moved copy (`Index.probe`) before it is returned.
+"""
+
+import math
+import time
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from conflictdb.core.moving_plans import moved
+from conflictdb.errors import InvalidInput
+from conflictdb.memory.index import Index
+from conflictdb.model import inputs
+from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
+from conflictdb.model.proposals import NewPlace
+
+# Shifts are whole tenths of a nautical mile, coarser ones if that would be more steps than this on a bearing.
+STEP_M: Final = METRES_PER_NMI / 10.0
+_MOST_STEPS: Final = 100
+BEARINGS_DEG: Final = tuple(45.0 * n for n in range(8))
+_MOST_BEARINGS: Final = 360
+
+
+@dataclass(frozen=True, slots=True)
+class FreePlace:
+    """The least shift of an area along a bearing.
+
+    distance_m : metres, a whole number of steps; None: no shift up to the limit is free
+    meets : the keys of what the area meets where it is planned (0 m), or with the farthest shift if none is free
+    """
+
+    bearing_deg: float
+    distance_m: float | None
+    meets: tuple[str, ...]
+
+
+def checked(who: str, most_m: Any, bearings_deg: Any) -> tuple[float, tuple[float, ...]]:
+    """Return a limit and bearings that people give; raises InvalidInput."""
+    most_m = inputs.reach_m(who, "aside_m", most_m)
+    given = BEARINGS_DEG if bearings_deg is None else tuple(bearings_deg)
+    if not 0 < len(given) <= _MOST_BEARINGS:
+        raise InvalidInput(who, "bearings_deg", f"must be 1 to {_MOST_BEARINGS} bearings; got {len(given)}")
+    for one in given:
+        if not (inputs.is_number(one) and -360.0 <= one <= 360.0):
+            raise InvalidInput(who, "bearings_deg", f"must be from -360 to 360 degrees; got {one!r:.20}")
+    return most_m, given
+
+
+def places(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene,
+    key: str,
+    most_m: float,
+    bearings_deg: Sequence[float] = BEARINGS_DEG,
+) -> list[FreePlace]:
+    """Return the least free shift of an area along each bearing, while all others stay as planned.
+
+    most_m : the farthest shift, metres
+    """
+    plans: list[Area | Track] = [*areas, *tracks]
+    [area] = [one for one in plans if isinstance(one, Area) and one.key == key]
+    index = Index(scene)
+    index.put([one for one in plans if one.key != key])
+    return [_along(index, scene, area, most_m, bearing) for bearing in bearings_deg]
+
+
+def nearest_place(index: Index, scene: Scene, area: Area, most_m: float, ends: float) -> NewPlace | None:
+    """Return the least free shift of an area that an index lacks, along one of eight bearings; None: none is found.
+
+    ends : of the search, on the monotonic clock
+    """
+    step_m, count = _steps(most_m)
+    for k in range(1, count + 1):
+        for bearing in BEARINGS_DEG:
+            if time.monotonic() > ends:
+                return None
+            if _met(index, scene, area, k * step_m, bearing) == ():
+                return NewPlace(k * step_m, bearing)
+    return None
+
+
+def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float) -> FreePlace:
+    step_m, count = _steps(most_m)
+    met = _met(index, scene, area, 0.0, bearing)
+    if not met:
+        return FreePlace(bearing, 0.0, ())
+    farthest = met
+    for k in range(1, count + 1):
+        there = _met(index, scene, area, k * step_m, bearing)
+        if there == ():
+            return FreePlace(bearing, k * step_m, met or ())
+        farthest = there or farthest
+    return FreePlace(bearing, None, farthest or ())
+
+
+def _steps(most_m: float) -> tuple[float, int]:
+    """Return the length and the number of steps up to a limit."""
+    step_m = STEP_M * max(1, math.ceil(most_m / STEP_M / _MOST_STEPS))
+    return step_m, int(most_m / step_m * (1.0 + 1e-12))
+
+
+def _met(index: Index, scene: Scene, area: Area, distance_m: float, bearing: float) -> tuple[str, ...] | None:
+    """Return the keys of what a moved copy meets; None if it cannot be there, beyond a pole or the plane."""
+    try:
+        copy = moved(area, distance_m, bearing, scene) if distance_m else area
+        found = index.probe(copy)
+    except InvalidInput:
+        return None
+    keys = {one.b_key if one.a_key == area.key else one.a_key for one in found}
+    return tuple(sorted(keys, key=str.encode))
+
+
+def of_area(who: str, key: str, areas: Collection[Area]) -> None:
+    """Raise InvalidInput unless a key is one of areas."""
+    if key not in {area.key for area in areas}:
+        raise InvalidInput(who, "key", f"must be of an area; {key!r} is none")
