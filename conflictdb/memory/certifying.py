@@ -13,6 +13,7 @@ from conflictdb.formats.proof_file import proof_lines
 from conflictdb.formats.writing import write_lines
 from conflictdb.memory.questions import delays as delays_of
 from conflictdb.memory.questions import solved, world_of
+from conflictdb.model import inputs
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.recurring_plans import later
@@ -53,6 +54,7 @@ def certify(
     InvalidInput
         As `solve`, and for an unknown key.
     """
+    delays = inputs.keys("certify", "delays", delays)
     world, tracks, areas = world_of("certify", tracks, areas, scene)
     occupied = occupy(world, areas, tracks, warns=True)
     lines, counts = proof_of(world, occupied, solved(world.setup, occupied), jobs, delays=delays)
