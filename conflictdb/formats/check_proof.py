@@ -445,6 +445,8 @@ class _Scene:
     def add_area(self, k: int, feature: Any, members: Any, extra: Any) -> None:
         shape = feature["geometry"]
         polygons = shape["coordinates"] if shape["type"] == "MultiPolygon" else [shape["coordinates"]]
+        if any(ring[0] != ring[-1] for polygon in polygons for ring in polygon):
+            raise Refused(f"a ring of area {feature['id']!r} is not closed")
         places = [tuple(place[:2]) for polygon in polygons for ring in polygon for place in ring[:-1]]
         points = [self.plane.place(*place) for place in places]
         parts = extra.get("parts")

@@ -1,6 +1,6 @@
 """Forge and damage proofs: each is refused, or what it says is still true by the oracle.
 
-    ./run python tests/acceptance/forged.py --proofs 1000000 --seed 1
+    ./run python tests/acceptance/forged.py --proofs 1000000 --seed 1 [--minutes 60]
 
 Small random scenes are certified. One thing of a proof is changed at a time, as a forger would who wants to hide a
 conflict or who sends the file over a bad line: an angle, an instant, a place, a step, a line, a verdict, a period, a
@@ -12,9 +12,11 @@ force.
 import argparse
 import copy
 import json
+import math
 import random
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -335,10 +337,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--proofs", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end after this time, with fewer")
     args = parser.parse_args()
-    total, seed = Count(), args.seed
+    total, seed, ends = Count(), args.seed, time.monotonic() + 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as folder:
-        while total.tried < args.proofs:
+        while total.tried < args.proofs and time.monotonic() < ends:
             total.add(forge(seed, min(_AT_ONCE, args.proofs - total.tried), Path(folder)))
             seed += 1
             sys.stderr.write(f"\r{total.tried:,} proofs, {len(total.wrong)} false ones accepted")

@@ -124,6 +124,16 @@ def test_other_times_than_those_of_the_objects_are_refused(tmp_path: Path, membe
         check_proof.Checker({**hidden, "pieces": [member]})
 
 
+def test_a_ring_that_is_not_closed_is_refused(tmp_path: Path) -> None:
+    """Others close it, and would have a corner that the checker passes over."""
+    parts = proof_of(tmp_path, Area("closed", shapely.box(5.2, 55.0, 5.3, 55.1)), SHIP)
+    area = parts["objects"][0]
+    ring = [[5.2, 55.0], [5.3, 55.0], [5.3, 55.1], [5.25, 56.5]]
+    area["geometry"] = {"type": "Polygon", "coordinates": [ring]}
+    with pytest.raises(check_proof.Refused, match="a ring of area 'closed' is not closed"):
+        check_proof.Checker(parts)
+
+
 def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
     """Moved by half a turn, ships on the other side of the earth would be in contact."""
     other = Track("other", SHIP.positions_deg - [180.0, 0.0], SHIP.times_us, SHIP.outline_m)
