@@ -3,7 +3,9 @@
 import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels
@@ -11,18 +13,29 @@ from conflictdb.cli.output import out, print_json
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table, wrapped
+from conflictdb.cli.values import chosen_units
 from conflictdb.model.clock import Clock, rounded_delay_us, rounded_window
 from conflictdb.model.departure_text import duration_text
 from conflictdb.model.inputs import MICROSECOND
 from conflictdb.model.margin import Margin
 from conflictdb.model.results import Delays, Forbidden, Speeds
 
+if TYPE_CHECKING:
+    from conflictdb.memory.area_places import FreePlace
+
 
 def delays(args: argparse.Namespace) -> int:
     """Print the departures of plans that are in conflict, and the least that are not."""
     resolve_times(args, "start", "end")
     has_slots = (args.start, args.end, args.best) != (None, None, None)
-    check(args, [(has_slots and args.key is None, "--from, --to and --best need a KEY")])
+    check(
+        args,
+        [
+            (has_slots and args.key is None, "--from, --to and --best need a KEY"),
+            (args.aside is not None and args.key is None, "--aside needs a KEY, of an area"),
+            (args.bearing is not None and args.aside is None, "--bearing is for --aside"),
+        ],
+    )
     margin_s, margin_m = args.margin
     with database(args) as db:
         stored = db.scene(args.scene)
@@ -38,9 +51,13 @@ def delays(args: argparse.Namespace) -> int:
             end=args.end,
             best=args.best,
         )
-        names = {} if args.format == "json" else stored.names(*_keys(found))
+        margins = {"margin_s": margin_s, "margin_m": margin_m}
+        places = None if args.aside is None else stored.places(args.key, args.aside, args.bearing, **margins)
+        met = () if places is None else (key for place in places for key in place.meets)
+        names = {} if args.format == "json" else stored.names(*_keys(found), *met)
     if args.format == "json":
-        print_json([one.as_json() for one in found])
+        more = {} if places is None else {"places": [asdict(one) for one in places]}
+        print_json([one.as_json() | more for one in found])
         return DONE
     clock = Clock(args.tz or UTC, round(1e6 * args.round))
     change = "departure" if args.waypoint is None else f"wait at waypoint {args.waypoint}"
@@ -50,7 +67,23 @@ def delays(args: argparse.Namespace) -> int:
         out("\n" + slots_text(found[0], names, clock, margin))
     elif args.key is not None and found[0].forbidden:
         out("\n" + _forbidden_table(found[0], names))
+    if places is not None:
+        out("\n" + _places_text(places, args.aside, names, margin))
     return DONE
+
+
+def _places_text(places: "Sequence[FreePlace]", aside_m: float, names: Mapping[str, str], margin: Margin) -> str:
+    """Return where an area could be instead, the nearest first."""
+    units = chosen_units()
+    far = units.distance(aside_m)
+    if any(one.distance_m == 0.0 for one in places):
+        return f"it meets nothing where it is ({margin.text()})"
+    rows = []
+    for one in sorted(places, key=lambda each: (each.distance_m is None, each.distance_m or 0.0)):
+        free = f"none within {far}" if one.distance_m is None else units.distance(one.distance_m)
+        rows.append([f"{one.bearing_deg % 360.0:03.0f}°", free, labels(names, one.meets)])
+    header = ["BEARING", "FREE FROM", "CLEARS, OR STILL MEETS"]
+    return "\n".join([table(header, rows), "", margin.text()])
 
 
 def speeds(args: argparse.Namespace) -> int:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from conflictdb.formats.hints import FileHints
     from conflictdb.jobs.detect import Phase, Run
     from conflictdb.jobs.import_computed import WrittenBack
+    from conflictdb.memory.area_places import FreePlace
     from conflictdb.model import inputs
     from conflictdb.model.plans import Area, Scene, Track
     from conflictdb.model.proposals import Detour, Goal, Proposal
@@ -585,6 +586,31 @@ class StoredScene:
 
         options = DelayOptions.of(within_s, now, clear_within_m, waypoint, margin_s, margin_m, start, end, best)
         return track_delays.delays(self.connection, self.name, key, options)
+
+    def places(
+        self,
+        key: str,
+        aside_m: float,
+        bearings_deg: Sequence[float] | None = None,
+        *,
+        margin_s: float = 0.0,
+        margin_m: float = 0.0,
+    ) -> "list[FreePlace]":
+        """Return the least shift of an area along each bearing with which it meets nothing; nothing is stored.
+
+        Computed from the objects as they are stored, whether they were detected or not. The area moves at its true
+        size, by whole tenths of a nautical mile; a detection of the moved copy has checked each place.
+
+        aside_m : the farthest shift, metres
+        bearings_deg : degrees clockwise from north; by default eight of them
+        margin_s, margin_m : wanted on top of the required separations in time and in distance
+
+        Raises InvalidInput for an unknown scene or area, and for limits that are none.
+        """
+        from conflictdb.memory.area_places import places
+
+        settings, areas, tracks = self._read()
+        return places(tracks, areas, settings, key, aside_m, bearings_deg, margin_s=margin_s, margin_m=margin_m)
 
     def speeds(
         self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None

@@ -5,14 +5,16 @@ Shifts are whole steps. Each one is checked by a detection of the moved copy (`I
 
 import math
 import time
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from conflictdb.core.moving_plans import moved
 from conflictdb.errors import InvalidInput
 from conflictdb.memory.index import Index
 from conflictdb.model import inputs
+from conflictdb.model.margin import Margin
+from conflictdb.model.methods import Method
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
 from conflictdb.model.proposals import NewPlace
 
@@ -53,15 +55,30 @@ def places(
     areas: Iterable[Area],
     scene: Scene,
     key: str,
-    most_m: float,
-    bearings_deg: Sequence[float] = BEARINGS_DEG,
+    most_m: Any,
+    bearings_deg: Sequence[float] | None = None,
+    *,
+    margin_s: float = 0.0,
+    margin_m: float = 0.0,
 ) -> list[FreePlace]:
     """Return the least free shift of an area along each bearing, while all others stay as planned.
 
     most_m : the farthest shift, metres
+    bearings_deg : degrees clockwise from north; None: eight of them
+    margin_s, margin_m : wanted on top of the required separations in time and in distance
+
+    Raises InvalidInput for a key that is not of an area, and for limits that are none.
     """
+    most_m, bearings_deg = checked("places", most_m, bearings_deg)
+    margin = Margin.of("places", margin_s, margin_m)
+    scene = replace(margin.added_to(scene), method=Method.EXACT, nearest_m=0.0)
     plans: list[Area | Track] = [*areas, *tracks]
-    [area] = [one for one in plans if isinstance(one, Area) and one.key == key]
+    area = next((one for one in plans if isinstance(one, Area) and one.key == key), None)
+    if area is None:
+        problem = (
+            "is a track, which goes aside in `resolve`" if any(one.key == key for one in plans) else "is not known"
+        )
+        raise InvalidInput(f"scene {scene.name!r}", "area", f"{key!r} {problem}")
     index = Index(scene)
     index.put([one for one in plans if one.key != key])
     return [_along(index, scene, area, most_m, bearing) for bearing in bearings_deg]
@@ -111,9 +128,3 @@ def _met(index: Index, scene: Scene, area: Area, distance_m: float, bearing: flo
         return None
     keys = {one.b_key if one.a_key == area.key else one.a_key for one in found}
     return tuple(sorted(keys, key=str.encode))
-
-
-def of_area(who: str, key: str, areas: Collection[Area]) -> None:
-    """Raise InvalidInput unless a key is one of areas."""
-    if key not in {area.key for area in areas}:
-        raise InvalidInput(who, "key", f"must be of an area; {key!r} is none")

@@ -98,6 +98,40 @@ def test_an_area_goes_the_least_way_aside(strip: Run, dsn: str) -> None:
     assert len(strip("detect", "--scene", "strip", "--format", "json").json) == 2
 
 
+def test_places_are_the_least_free_steps_along_bearings(strip: Run, dsn: str) -> None:
+    """Against detections of the area at every step; with a margin, farther."""
+    some = ("delays", "BOX", "--aside", "5nmi")
+    found = strip(*some, "--format", "json").json[0]["places"]
+    with conflictdb.connect(dsn) as db:
+        settings, areas, tracks = db.scene("strip")._read()
+    [box] = [one for one in areas if one.key == "BOX"]
+    others = [one for one in areas if one.key != "BOX"]
+    for place in found:
+        free = []
+        for steps in range(1, 51):
+            copy = moved(box, 185.2 * steps, place["bearing_deg"], settings)
+            assert isinstance(copy, Area)
+            pairs = conflictdb.solve(tracks, [*others, copy], settings)
+            if not any("BOX" in (one.a_key, one.b_key) for one in pairs):
+                free.append(185.2 * steps)
+        assert place["distance_m"] == (pytest.approx(free[0], abs=1e-6) if free else None), place
+    assert {place["bearing_deg"]: place["distance_m"] is not None for place in found}[0.0]
+    assert [place["bearing_deg"] for place in found] == [45.0 * n for n in range(8)]
+    table = strip(*some).out
+    assert "000°     3.1 nmi              FERRY" in table
+    assert "180°     none within 5.0 nmi  SOUTH" in table
+    [north] = strip(*some, "--bearing", "-360", "--margin", "0.5nmi", "--format", "json").json[0]["places"]
+    assert north["distance_m"] == pytest.approx(36 * 185.2)
+    for words, code, says in (
+        (("delays", "--aside", "1nmi"), 2, "--aside needs a KEY"),
+        (("delays", "BOX", "--bearing", "90"), 2, "--bearing is for --aside"),
+        (("delays", "BOX", "--aside", "1nmi", "--bearing", "west"), 2, "a bearing in degrees"),
+        (("delays", "FERRY", "--aside", "1nmi"), 4, "'FERRY' is a track"),
+    ):
+        done = strip(*words)
+        assert (done.code, says in done.err) == (code, True), done.err
+
+
 def test_an_area_of_several_times_moves_in_time_and_back(run: Run, tmp_path: Path, dsn: str) -> None:
     """A change in between is named, and stops the undoing."""
     file = tmp_path / "strip.geojson"

@@ -15,6 +15,7 @@ from conflictdb.cli.parser import (
 )
 from conflictdb.cli.values import (
     MORE_COLUMNS,
+    bearing_deg,
     columns,
     count,
     duration_s,
@@ -217,6 +218,16 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="list the free windows of KEY until TIME")
     parser.add_argument("--best", type=count, metavar="N", help="list at most N windows, those nearest to the plan")
     add_options(parser, "--margin", "--round", "--tz")
+    parser.add_argument(
+        "--aside", type=metres, metavar="DISTANCE", help="say where the area KEY could be instead, up to so far aside"
+    )
+    parser.add_argument(
+        "--bearing",
+        action="append",
+        type=bearing_deg,
+        metavar="DEGREES",
+        help="with --aside: only on this bearing, 270 is west; repeatable (default: eight of them)",
+    )
     parser.add_argument(
         "--clear-within-m", type=metres, metavar="DISTANCE", help="show how far it stays clear, up to this"
     )
