@@ -318,6 +318,17 @@ def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     assert min(counts[0][:1] + counts[0][2:]) > 0  # every status but the lack of memory
 
 
+def test_places_without_an_array_are_refused() -> None:
+    """One that is not there is no place; of no place none is needed."""
+    plane, _, _ = batch(HIGH_LATITUDE)
+    place = (ctypes.c_double * 2)(1.0, 2.0)
+    calls = ((None, 1, place), (place, 1, None), (place, 1, place), (None, 0, None), (place, -1, place))
+    ok, null = 0, 2
+    found = [library().kernel_degrees(ctypes.byref(plane), *given) for given in calls]
+    assert found[:4] == [null, null, ok, ok]
+    assert found[4] not in (ok, null)
+
+
 def test_every_function_of_the_header_is_declared() -> None:
     """With as many arguments as it takes: a pointer passed as a plain number would lose its upper half."""
     header = re.sub(r"/\*.*?\*/", "", (build.HERE / "kernel.h").read_text(), flags=re.DOTALL)
