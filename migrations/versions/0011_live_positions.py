@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "573caed3fbc2fb4833dff8f15f4c084dd9941b3789394eb22cfbb2a01cb5caf3"
+routines_sha256 = "2a1915af13063f8001d87a8bdb547b426f7a35b7b0691c9b2615c19a265a98b5"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
