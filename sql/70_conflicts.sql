@@ -374,7 +374,8 @@ COMMENT ON FUNCTION _met_by_place(bigint, geometry, tstzrange, double precision,
 CREATE OR REPLACE FUNCTION conflictdb_internal._placeless_within(p_scene text, p_geometry geometry)
 RETURNS SETOF bigint
 -- One lookup in the index of conflicts without a region says that there are none, whatever the statistics.
-LANGUAGE plpgsql STABLE PARALLEL RESTRICTED ROWS 10 SET search_path FROM CURRENT SET enable_seqscan = off AS $$
+LANGUAGE plpgsql STABLE PARALLEL RESTRICTED ROWS 10 SET search_path FROM CURRENT
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_within_s double precision := _longest_time_s(v_scene_id);

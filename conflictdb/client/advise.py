@@ -56,8 +56,7 @@ TRIES_S: Final = 0.5
 DATABASE_PER_PIECE: Final = 4.7  # its row in, the marks; stage 1; its pairs and pieces out
 TEST_PER_CANDIDATE: Final = 0.04  # stage 2
 WRITE_PER_CONFLICT: Final = 4.5
-# For a conflict without a region of the kernel: the database computes it from the hulls. Mostly swept hulls meet and
-# the objects do not; methods that decide nothing report many such pairs.
+# For a conflict whose region the kernel leaves open, as next to a pole: the database computes it from the hulls.
 REGION_PER_CONFLICT: Final = 100.0
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 

@@ -18,8 +18,11 @@ from conflictdb.core.object_pairs import members, numbered, object_keys, ordered
 from conflictdb.core.pieces.covers import is_covered
 from conflictdb.core.stage4.closest_approach import approaches
 from conflictdb.core.stage4.constants import TOUCH_M
+from conflictdb.core.stage4.contact_search import contacts
+from conflictdb.kernel.meeting import meetings as meeting_places
+from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
-from conflictdb.model.results import Verdict
+from conflictdb.model.results import Kind, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,11 @@ class _Queries:
     first_s: Floats
     last_s: Floats
     group: NDArray[np.int64]
+
+    def take(self, rows: NDArray[np.int64]) -> "_Queries":
+        """Return a selection."""
+        times = self.first_s[rows], self.last_s[rows]
+        return _Queries(PieceRows(self.a[rows]), PieceRows(self.b[rows]), *times, self.group[rows])
 
     def concatenated(self, more: "_Queries", groups: int) -> "_Queries":
         """Return both; the groups of `more` are numbered from `groups` on."""
@@ -66,6 +74,8 @@ def with_closest_approaches(
     is_open = (conflicts.verdict == Verdict.UNRESOLVED.code) | is_late
     is_known = conflicts.closest_m == 0.0
     decided = np.flatnonzero(~is_known & ~is_open)
+    if scene.separation_m > 0.0:
+        conflicts, decided = _with_touches(prepared, meetings, conflicts, decided, work, threads)
     is_asked = scene.nearest_m > 0.0 or (is_open & ~is_known).any()
     if not decided.size and not is_asked:
         return conflicts
@@ -107,6 +117,54 @@ def with_closest_approaches(
     only_near = _without_contact(prepared.pieces, asked, near, np.isnan(nearest.distance_m[near]))
     columns = {name: column[near] for name, column in found.items()}
     return Conflicts.concatenate([complete, replace(only_near, **columns)])
+
+
+def _with_touches(
+    prepared: kernel.KernelScene,
+    meetings: Meetings,
+    conflicts: Conflicts,
+    rows: NDArray[np.int64],
+    work: kernel.Work,
+    threads: int,
+) -> tuple[Conflicts, NDArray[np.int64]]:
+    """Return the conflicts with the closest approach of pairs that touch, and the other rows of `rows` (k,).
+
+    The search for contacts finds the first touch in a fifth of the time that the search for the least distance takes.
+    """
+    scene = replace(meetings.setup.scene, method=Method.EXACT, separation_m=0.0, tolerance_m=0.0)
+    asked = _during_contacts(meetings, rows)
+    pieces = prepared.pieces
+    moves = (pieces.kind[asked.a] == Kind.TRACK.code) | (pieces.kind[asked.b] == Kind.TRACK.code)
+    asked = asked.take(np.flatnonzero(moves & ~is_covered(pieces, asked.a, asked.b)))
+    if not len(asked.a):
+        return conflicts, rows
+    nowhere = np.empty((0, 2)), np.zeros(len(asked.a) + 1, np.int64)
+    pairs = Pairs(asked.a, asked.b, *nowhere)
+    found, effort = contacts(meetings.setup.under(scene), prepared, pairs, asked.first_s, asked.last_s, threads=threads)
+    work.windows += effort.exact.windows
+    work.evaluations += effort.exact.evaluations
+    start_us, _ = pieces.shared_span(PieceRows(asked.a[found.pair]), PieceRows(asked.b[found.pair]))
+    at_us = start_us + np.floor(1e6 * found.start_s).astype(np.int64)
+    # The first of each pair of objects; what may be earlier and is not certain leaves the pair to the other search.
+    order = np.lexsort((at_us, asked.group[found.pair]))
+    first = order[np.flatnonzero(np.diff(asked.group[found.pair[order]], prepend=-1))]
+    is_certain = found.touches & (found.verdict == Verdict.CONFLICT.code)
+    is_certain &= found.error_s < found.end_s - found.start_s
+    first = first[is_certain[first]]
+    one, other = PieceRows(asked.a[found.pair[first]]), PieceRows(asked.b[found.pair[first]])
+    touched = rows[asked.group[found.pair[first]]]
+    place = meeting_places(prepared, one, other, start_us[first], found.start_s[first], threads)
+    columns: dict[str, Any] = {
+        "closest_us": at_us[first],
+        "closest_m": 0.0,
+        "closest_error_m": 0.0,
+        "closest_a_deg": place,
+        "closest_b_deg": place,
+    }
+    for name, values in columns.items():
+        columns[name] = getattr(conflicts, name).copy()
+        columns[name][touched] = values
+    return replace(conflicts, **columns), np.setdiff1d(rows, touched)
 
 
 def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Queries:

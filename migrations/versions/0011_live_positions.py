@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2a1915af13063f8001d87a8bdb547b426f7a35b7b0691c9b2615c19a265a98b5"
+routines_sha256 = "e1adb37371577d7597971a52fbbdc1de849265c639d7e25be1c1cd0afc8457e8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

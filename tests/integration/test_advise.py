@@ -19,7 +19,6 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.client.advise import (
     DATABASE_PER_PIECE,
     FIXED_S,
-    REGION_PER_CONFLICT,
     TEST_PER_CANDIDATE,
     TOLERANCES_M,
     TRIED,
@@ -118,10 +117,8 @@ def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
             assert estimate.conflicts.low <= done.conflicts <= estimate.conflicts.high, method
 
 
-def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
-    dsn: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`screen` reports pairs whose hulls meet and that do not: the database finds their regions, at 20 rows' cost."""
+def test_cost_counts_no_regions_of_screen(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`screen` stores none: neither the kernel nor the database computes them, and a row costs what a row costs."""
     without: list[int] = []
     stage = store.stage
 
@@ -144,12 +141,11 @@ def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
             left[method] = sum(without) / done.conflicts
             units[method] = (
                 WRITE_PER_CONFLICT * done.conflicts
-                + REGION_PER_CONFLICT * sum(without)
                 + TEST_PER_CANDIDATE * done.candidate_pairs
                 + DATABASE_PER_PIECE * pieces
             )
             foretold[method] = of(advice, method, 1.0).database_s - FIXED_S
-    assert left[Method.SCREEN] > 0.2
+    assert left[Method.SCREEN] == 1.0
     assert left[Method.EXACT] == 0.0
     # The time to make a piece, by the clock, cancels out.
     ratio = foretold[Method.SCREEN] / foretold[Method.EXACT]
