@@ -68,6 +68,11 @@ def export(args: argparse.Namespace) -> int:
     """Write a scene file."""
     from conflictdb.formats.reading import is_parquet
 
+    if args.format == "rtz":
+        with database(args) as db, warnings_as_remarks():
+            files = db.scene(args.scene).export_routes(args.file, args.keys or None)
+        out(f"{len(files):,} route{'' if len(files) == 1 else 's'} in {args.file}")
+        return DONE
     is_binary = args.format == "geoparquet"
     is_whole = is_binary or args.file == "-" or is_parquet(args.file)
     check(

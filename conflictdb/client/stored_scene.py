@@ -1119,9 +1119,9 @@ class StoredScene:
     def export(self, path: str | Path, keys: Sequence[str] | None = None) -> None:
         """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
 
-        Names that end in .rtz, .kml, .ed318.json (areas only) or .f3548.json are written in these formats, all others
-        as GeoJSON; compressed if they end in .gz. A UserWarning says what a format does not hold. The file appears when
-        it is complete; if writing fails, an older file stays.
+        Names that end in .rtz (one track), .gpx (tracks as routes), .kml, .ed318.json (areas only) or .f3548.json are
+        written in these formats, all others as GeoJSON; compressed if they end in .gz. A UserWarning says what a format
+        does not hold. The file appears when it is complete; if writing fails, an older file stays.
 
         keys : of the objects to write; None: all. GeoParquet holds all
         """
@@ -1143,6 +1143,32 @@ class StoredScene:
             write_lines(path, object_lines(path, scene, areas, tracks))
             for lost in unwritten(path, scene, areas, tracks):
                 warnings.warn(str(lost), UserWarning, stacklevel=2)
+
+    def export_routes(self, folder: str | Path, keys: Sequence[str] | None = None) -> list[Path]:
+        """Write each track to a route of its own in a folder, KEY.rtz, and return the files; areas are left out.
+
+        Signs that names of files should not have are written as `_`. A UserWarning says what RTZ does not hold.
+
+        keys : of the tracks to write; None: all
+        """
+        from conflictdb.formats import object_lines, unwritten, write_lines
+        from conflictdb.formats.rtz_writing import file_names
+
+        scene, _, tracks = self._read(keys)
+        known = {track.key for track in tracks}
+        for key in keys or ():
+            if key not in known:
+                raise InvalidInput(f"scene {self.name!r}", "keys", f"has no track {key!r:.60}", str(folder))
+        if not tracks:
+            raise InvalidInput(f"scene {self.name!r}", "tracks", "has none, and RTZ holds routes", str(folder))
+        files = {track.key: Path(folder) / name for track, name in zip(tracks, file_names(tracks), strict=True)}
+        texts = {track.key: list(object_lines(files[track.key], scene, [], [track])) for track in tracks}
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        for key, lines in texts.items():
+            write_lines(files[key], lines)
+        for lost in unwritten(files[tracks[0].key], scene, [], tracks[:1]):
+            warnings.warn(str(lost), UserWarning, stacklevel=2)
+        return list(files.values())
 
     def write_geoparquet(self, stream: IO[bytes]) -> None:
         """Write the scene as GeoParquet that loads as exactly the same objects, in batches, however many there are.

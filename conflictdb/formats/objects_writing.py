@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.gpx_writing import gpx_lines
 from conflictdb.formats.kml_writing import kml_lines
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.reading import OTHER_ENDINGS
@@ -41,6 +42,7 @@ class WrittenFormat(NamedTuple):
 # By the endings of names, without .gz; any other is a scene file.
 _WRITERS: Final = {
     ".rtz": WrittenFormat("RTZ", rtz_lines, _OWN | {"motion", "earth"}),
+    ".gpx": WrittenFormat("GPX", gpx_lines),
     ".kml": WrittenFormat("KML", kml_lines),
     ".ed318.json": WrittenFormat("ED-318", _ed318_lines),
     ".f3548.json": WrittenFormat("ASTM F3548", _f3548_lines),

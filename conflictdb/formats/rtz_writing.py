@@ -6,6 +6,7 @@ rounded up.
 """
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -22,12 +23,16 @@ EXTENSION: Final = {"manufacturer": "conflictdb", "name": "track", "version": "1
 # Members of an extension that the route itself has.
 _OF_ROUTE: Final = ("kind", "times", "name")
 _STEP_NMI: Final = 1e-4
+# Signs that names of files do not have on every system; characters of a name.
+_NO_NAME: Final = re.compile(r"[^\w .-]|^[. ]|[. ]$")
+_LONGEST_STEM: Final = 60
 
 
 def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of a file of one track; raises InvalidInput for other objects."""
     if areas or len(tracks) != 1:
         rule = f"holds one track; here are {len(tracks)} tracks and {len(areas)} areas: name the key of one"
+        rule += ", or write a folder by --format rtz"
         raise InvalidInput("RTZ", "", rule)
     (track,) = tracks
     kind = "Orthodrome" if scene.motion == Motion.GREAT_CIRCLE else "Loxodrome"
@@ -66,6 +71,20 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     }
     yield written("extensions", None, written("extension", extension)) + "\n"
     yield "</route>\n"
+
+
+def file_names(tracks: Sequence[Track]) -> list[str]:
+    """Return the name of a file for each track, made from its key, each once, also where case does not count."""
+    found: list[str] = []
+    taken: set[str] = set()
+    for track in tracks:
+        stem = _NO_NAME.sub("_", track.key)[:_LONGEST_STEM] or "_"
+        name, n = f"{stem}.rtz", 2
+        while name.casefold() in taken:
+            name, n = f"{stem}-{n}.rtz", n + 1
+        taken.add(name.casefold())
+        found.append(name)
+    return found
 
 
 def _limits(track: Track) -> dict[str, str]:

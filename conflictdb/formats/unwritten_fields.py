@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from conflictdb.formats.contents import Remark
+from conflictdb.formats.gpx_writing import has_more
 from conflictdb.formats.objects_writing import writer_of
 from conflictdb.formats.outside import of_exchange
 from conflictdb.formats.rings import along_lines
@@ -25,6 +26,14 @@ def unwritten(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Seq
         yield Remark(str(path), "file", text)
     if form == "RTZ":
         return
+    if form == "GPX":
+        if areas:
+            text = f"GPX holds routes: {len(areas):,} area{' is' if len(areas) == 1 else 's are'} left out"
+            yield Remark(str(path), "file", f"{text}: {_named([area.key for area in areas])}")
+        if more := [track.key for track in tracks if has_more(track)]:
+            text = "GPX holds ways and times: sizes, heights and tolerances are not in the file"
+            yield Remark(str(path), "file", f"{text}: {_named(more)}")
+        areas = ()
     if form == "KML":
         from conflictdb.core.world import World  # needs the kernel
 

@@ -234,6 +234,40 @@ def test_10_meeting_places_for_a_plotter(day: Run) -> None:
     assert done.out.count("<wpt ") == len(DAY)
 
 
+def test_10_routes_for_a_plotter(day: Run, tmp_path: Path) -> None:
+    """As GPX in one file, which is read back, and as RTZ, one file a track, which says all of it."""
+    gpx = tmp_path / "routes.gpx"
+    done = day("export", gpx)
+    assert done.code == 0, done.err
+    assert "2 areas are left out: 'EK D 382', 'SURVEY-7'" in done.err
+    assert "sizes, heights and tolerances are not in the file" in done.err
+    assert gpx.read_text().count("<rte>") == 4
+    assert day("load", gpx, "--scene", "plotter", "--haven", "100,100,20,20").code == 0
+    times_of = {
+        scene: {
+            row["key"].removeprefix("routes "): (row["start_at"], row["end_at"])
+            for row in day("objects", "--scene", scene, "--format", "json").json
+            if row["kind"] == "track"
+        }
+        for scene in ("skagerrak", "plotter")
+    }
+    assert sorted(times_of["plotter"].values()) == sorted(times_of["skagerrak"].values())
+    assert len(times_of["plotter"]) == 4
+    folder = tmp_path / "routes"
+    done = day("export", folder, "--format", "rtz", "--scene", "skagerrak")
+    assert done.out == f"4 routes in {folder}\n"
+    names = {"FERRY NORTH.rtz", "FERRY SOUTH.rtz", "SUB EAST.rtz", "TANKER.rtz"}
+    assert {one.name for one in folder.iterdir()} == names
+    assert day("load", *sorted(folder.iterdir()), "--scene", "again").code == 0
+    again = day("detect", "--scene", "again", "--format", "json").json
+    assert [(row["a_key"], row["b_key"]) for row in again] == [("FERRY NORTH", "FERRY SOUTH")]
+    assert outward(again[0]) == DAY["FERRY NORTH", "FERRY SOUTH"]
+    assert "write a folder by --format rtz" in day("export", tmp_path / "all.rtz", "--scene", "skagerrak").err
+    refused = day("export", tmp_path / "none", "EK D 382", "--format", "rtz", "--scene", "skagerrak")
+    assert (refused.code, "has no track 'EK D 382'" in refused.err) == (4, True)
+    assert not (tmp_path / "none").exists()
+
+
 def test_11_the_first_free_departure(day: Run) -> None:
     """Without a margin it is 10:42:26, planned at 06:00."""
     [free] = day("delays", "FERRY NORTH", "--within", "6h", "--format", "json").json

@@ -88,15 +88,15 @@ def _add_plans(commands: Any) -> None:
     parser.add_argument(
         "file",
         metavar="FILE",
-        help="file (.geojson, .parquet, .rtz, .kml, .ed318.json, .f3548.json, also .gz; -: stdout)",
+        help="file (.geojson, .parquet, .rtz, .gpx, .kml, .ed318.json, .f3548.json, also .gz; -: stdout)",
     )
     about = "keys of the objects to write (default: all)"
     parser.add_argument("keys", nargs="*", default=[], metavar="KEY", help=about)
     add_scene(parser)
     parser.add_argument(
         "--format",
-        choices=("geojson", "geoparquet"),
-        help="format of a file whose ending does not say (default: geojson)",
+        choices=("geojson", "geoparquet", "rtz"),
+        help="format of a file whose ending does not say (default: geojson); rtz: FILE is a folder, for all tracks",
     )
 
 
