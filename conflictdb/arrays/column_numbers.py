@@ -56,5 +56,14 @@ def numbers_of_words(words: Sequence[str | None]) -> NDArray[np.int64]:
 
 def numbers_of_plans(kind: str, plans: Sequence[Any]) -> NDArray[np.int64]:
     """Return the numbers (n, k) of the values of NUMBERED of areas or tracks."""
-    numbers = [[number_of(getattr(one, column.field), column.form) for column in NUMBERED[kind]] for one in plans]
-    return np.array(numbers, np.int64).reshape(len(plans), len(NUMBERED[kind]))
+    numbers = np.empty((len(plans), len(NUMBERED[kind])), np.int64)
+    for place, column in enumerate(NUMBERED[kind]):
+        field, form = column.field, column.form
+        values = [getattr(one, field) for one in plans]
+        if form is Form.NUMBER:
+            numbers[:, place] = [number_of(value, form) for value in values]
+        else:
+            # Many plans share a word, or have none.
+            known = {value: number_of(value, form) for value in set(values)}
+            numbers[:, place] = [known[value] for value in values]
+    return numbers

@@ -170,8 +170,11 @@ class Leeway:
             begins_us = start_of(plan)
             return cls.between(begins_us, begins_us, horizon_us, now_us)
         track = plan
-        moves = ~is_standing(track.positions_deg[:1], track.positions_deg[1:])
-        stands = int(np.argmax(moves)) if moves.any() else len(moves)
+        stands = 0
+        # The latitude of most tracks changes on the first leg.
+        if track.positions_deg[0, 1] == track.positions_deg[1, 1]:
+            moves = ~is_standing(track.positions_deg[:1], track.positions_deg[1:])
+            stands = int(np.argmax(moves)) if moves.any() else len(moves)
         # The first voyage; all are delayed together.
         first_us = track.departures_us[0] if track.departures_us else int(track.times_us[0])
         leaves_us = first_us + int(track.times_us[stands] - track.times_us[0])

@@ -15,6 +15,7 @@ from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
+from conflictdb.model import many
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, columns_of
@@ -235,19 +236,27 @@ def changing_heights(
 def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
     """Decode areas from rows of `_read_areas`."""
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
-    footprints = shapely.from_wkb(strings["footprint"])
-    return [
-        (StoredArea if strings["schedule"][i] else Area)(
-            key=strings["key"][i].decode(),
-            footprint=footprints[i],
-            start_us=_certain(start[i]),
-            end_us=_certain(end[i]),
-            properties=json.loads(strings["properties"][i]),
-            **_activations("spans_us", strings["spans"][i]),
+    keys = [one.decode() for one in strings["key"]]
+    footprints = np.empty(len(keys), np.object_)
+    footprints[:] = shapely.from_wkb(strings["footprint"])
+    members = [
+        {
             **plain,
-        )
+            "start_us": None if start[i] == MINUS_INFINITY_US else start[i],
+            "end_us": None if end[i] == INFINITY_US else end[i],
+            "properties": _properties(strings["properties"][i]),
+            **_activations("spans_us", strings["spans"][i]),
+        }
         for i, plain in enumerate(_plain(AREA, columns, strings))
     ]
+    made = many.areas(keys, footprints, members)
+    for i, own in enumerate(members):
+        # By itself: for its errors, and because a schedule makes another type.
+        if strings["schedule"][i] or made[i] is None:
+            times = {"start_us": _certain(start[i]), "end_us": _certain(end[i])}
+            kind = StoredArea if strings["schedule"][i] else Area
+            made[i] = kind(key=keys[i], footprint=footprints[i], **(own | times))
+    return cast("list[Area]", made)
 
 
 def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Track]:
@@ -255,34 +264,51 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)
-    outlines = [
-        changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2) if change[i] < change[i + 1] else None
-        for i in range(len(way) - 1)
-    ]
-    return [
-        (StoredTrack if strings["schedule"][i] else Track)(
-            key=strings["key"][i].decode(),
+    keys = [one.decode() for one in strings["key"]]
+    members: list[dict[str, Any]] = []
+    alone = []
+    for i, plain in enumerate(_plain(TRACK, columns, strings)):
+        own = {
+            **plain,
+            "properties": _properties(strings["properties"][i]),
+            **_activations("departures_us", strings["departures"][i]),
+        }
+        for name, unbounded in (("floors_m", -np.inf), ("ceilings_m", np.inf)):
+            if strings[name.removesuffix("_m")][i]:
+                own[name] = decode_heights(strings[name.removesuffix("_m")][i], unbounded)
+        if change[i] < change[i + 1]:
+            own["outlines_m"] = changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2)
+        if strings["schedule"][i] or "outlines_m" in own:
+            alone.append(i)
+        members.append(own)
+    made = many.tracks(keys, positions, way, times, outline, ring, members)
+    for i in sorted({*alone, *(i for i, one in enumerate(made) if one is None)}):
+        own = members[i]
+        given = own.get("outlines_m")
+        made[i] = (StoredTrack if strings["schedule"][i] else Track)(
+            key=keys[i],
             positions_deg=positions[way[i] : way[i + 1]],
             times_us=all_certain(times[way[i] : way[i + 1]]),
             outline_m=outline[ring[i] : ring[i + 1]] if given is None else given[0],
-            properties=json.loads(strings["properties"][i]),
-            outlines_m=given,
-            floors_m=decode_heights(strings["floors"][i], -np.inf),
-            ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
-            **_activations("departures_us", strings["departures"][i]),
-            **plain,
             max_speed_kn=math.inf,
+            **own,
         )
-        for i, (plain, given) in enumerate(zip(_plain(TRACK, columns, strings), outlines, strict=True))
-    ]
+    return cast("list[Track]", made)
+
+
+def _properties(sent: bytes) -> dict[str, Any]:
+    found: dict[str, Any] = {} if sent == b"{}" else json.loads(sent)
+    return found
 
 
 def _plain(
     kind: str, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]
 ) -> Iterator[dict[str, Any]]:
-    """Return the plain columns of each row as fields of `Area` or `Track`."""
-    values = {one.field: values_of_rows(one, columns, strings) for one in columns_of(kind, *_PLAIN, Form.NUMBER)}
-    return (dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True))
+    """Return the plain columns of each row as fields of `Area` or `Track`, without those that it does not have."""
+    given = tuple(columns_of(kind, *_PLAIN, Form.NUMBER))
+    names, absent = [one.field for one in given], [one.absent for one in given]
+    for row in zip(*(values_of_rows(one, columns, strings) for one in given), strict=True):
+        yield {name: own for name, own, none in zip(names, row, absent, strict=True) if own is not none and own != none}
 
 
 def values_of_rows(

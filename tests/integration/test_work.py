@@ -4,9 +4,11 @@ Limits are the counts at the time that they were set, and a twentieth more. A ch
 benchmarks/unit_costs.py measures the cost per unit.
 """
 
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import psycopg
@@ -299,3 +301,35 @@ def test_a_change_replaces_its_own_differences(
     (own,) = conn.execute(query, [delayed.key]).fetchone() or (0,)
     conn.rollback()
     assert touched("difference") == own > 0
+
+
+def test_stored_objects_are_checked_by_columns(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not one by one, as they were when they were made: that took a third of the delays of all tracks."""
+    scene, areas, tracks = scene_of("sea")
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    checked: list[str] = []
+    monkeypatch.setattr(Area, "__post_init__", lambda one: checked.append(one.key))
+    monkeypatch.setattr(Track, "__post_init__", lambda one, _: checked.append(one.key))
+    _, own_areas, own_tracks = store.read_scene(conn, scene.name)
+    assert (len(own_areas), len(own_tracks)) == (len(areas), len(tracks))
+    assert not checked
+
+
+def test_a_listed_conflict_takes_few_calls(conn: Conn) -> None:
+    """Of Python functions: its row, its periods and their ends. Which column goes where is found once."""
+    scene, areas, tracks = scene_of("box")
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    count = detect(conn, scene.name, jobs=1).conflicts
+    calls: list[str] = []
+
+    def counted(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and "conflictdb" in frame.f_code.co_filename:
+            calls.append(frame.f_code.co_name)
+
+    sys.setprofile(counted)
+    try:
+        found = list(store.each_conflict(conn, scene.name))
+    finally:
+        sys.setprofile(None)
+    assert len(found) == count > 1000
+    assert len(calls) < 8 * count

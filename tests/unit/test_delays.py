@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from made_scenes import Kind, box
 from shifting import meets_when_shifted
 
 from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
-from conflictdb.core.delays import Differences
+from conflictdb.core.delays import Differences, Spans
 from conflictdb.model.plans import Intervals
 
 RADIUS_M = 6371008.771415
@@ -419,3 +420,22 @@ def test_a_track_that_ends_before_another_begins_meets_it_if_it_is_late() -> Non
     middle_us = round(5e5 * (found.forbidden[0].from_s + found.forbidden[0].to_s))
     assert found.least_later_s == 0.0
     assert meets_when_shifted(SCENE, [], [EAST, later], "east", np.array([0, middle_us])) == [set(), {"later"}]
+
+
+def test_intervals_of_all_tracks_are_joined_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not track by track: two unions, of outer and of inner intervals, for any number of tracks."""
+    unions: list[int] = []
+    union = Spans.union
+
+    def counted(low: np.ndarray, high: np.ndarray) -> Spans:
+        unions.append(len(low))
+        return union(low, high)
+
+    _, areas, tracks = box(Kind.MIXED, 60, 1)
+    expected = [delays(tracks, areas, key=one.key)[0] for one in tracks]
+    monkeypatch.setattr(Spans, "union", staticmethod(counted))
+    monkeypatch.setattr(Differences, "blocking", lambda *_: set())
+    found = delays(tracks, areas)
+    assert len(unions) == 2
+    assert [one.forbidden for one in found] == [one.forbidden for one in sorted(expected, key=lambda one: one.key)]
+    assert any(one.forbidden for one in found)
