@@ -267,16 +267,42 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
 
 
 def _records(of: type[_Record], scene: str, rows: Iterable[dict[str, Any]]) -> Iterator[_Record]:
-    """Yield the rows of a scene as conflicts, approaches or events.
+    """Yield the rows of a scene, which have the same columns, as conflicts, approaches or events.
 
-    They are written through their slots: `__init__` of a frozen dataclass takes four times as long.
+    They are written through their slots: `__init__` of a frozen dataclass takes four times as long. Which column goes
+    where is found once.
     """
     slots = {field.name: getattr(of, field.name).__set__ for field in fields(of)}
-    absent = {field.name: field.default for field in fields(of) if field.default is not MISSING}
+    is_first = True
+    row: dict[str, Any]
     for row in rows:
+        if is_first:
+            is_first = False
+            words = [(slots[name], name, meaning) for name, meaning in _WORDS if name in row]
+            points = [(slots[field], lon, lat) for lon, lat, field in _POINTS if lon in row]
+            has_periods = "periods" in row
+            others = row.keys() - {name for _, name, _ in words} - {name for _, *both in points for name in both}
+            plain = [(slots[name], name) for name in others - {"periods"}]
+            known = {"scene", *row, *(field for lon, _, field in _POINTS if lon in row)}
+            absent = [
+                (slots[one.name], one.default)
+                for one in fields(of)
+                if one.name not in known and one.default is not MISSING
+            ]
         record = of.__new__(of)
-        for name, value in {**absent, "scene": scene, **fields_of(row)}.items():
-            slots[name](record, value)
+        if "scene" not in row:
+            slots["scene"](record, scene)
+        for put, value in absent:
+            put(record, value)
+        for put, name in plain:
+            put(record, row[name])
+        for put, name, meaning in words:
+            put(record, meaning[row[name]])
+        if has_periods:
+            slots["periods"](record, decode_periods(row["periods"]))
+        for put, lon, lat in points:
+            lon_deg = row[lon]
+            put(record, None if lon_deg is None else (lon_deg, row[lat]))
         yield record
 
 
