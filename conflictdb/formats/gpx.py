@@ -87,7 +87,9 @@ def read_gpx(
             with found.refusals:
                 found.add_route(f"route {number}", f"route {key!r}", _planned(root, key, route), max_speed_kn)
         if untimed:
-            reason = f"{untimed} features are routes, which have no times: no tracks"
+            reason = (
+                f"{untimed} features are routes, which have no times: no tracks; --departure and --speed-kn give them"
+            )
             skipped.append(Skipped(source, "layer 'routes'", reason, (), is_whole=False))
     tracks, rest, notes = tracks_of(source, observed, (), max_speed_kn, missing)
     contents = found.contents(skip_invalid=skip_invalid)

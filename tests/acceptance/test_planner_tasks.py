@@ -385,6 +385,35 @@ def test_17_mistakes_load_with_a_remark(run: Run, tmp_path: Path, mistake: dict[
     assert "4 tracks" in done.out + done.err
 
 
+@pytest.mark.parametrize(
+    ("changes", "code", "says"),
+    [
+        ({"start": "2026-12-01T06:00:00"}, 4, "--time-zone ZONE says where they are local"),
+        ({"speed_kn": None, "speed_mps": 16.0}, 0, "6 to 31 kn"),
+        ({"start": "2026-12-01T06:00:00+09:00"}, 0, "2026-11-30 21:00 to 2026-12-01 11:54 UTC"),
+    ],
+)
+def test_17_units_and_zones_that_are_others(
+    run: Run, tmp_path: Path, changes: dict[str, Any], code: int, says: str
+) -> None:
+    """Refused with the option that helps; or the line on what came shows the odd number."""
+    scene = json.loads((TASKS / "day.geojson").read_text())
+    properties = scene["features"][2]["properties"] | changes
+    scene["features"][2]["properties"] = {name: value for name, value in properties.items() if value is not None}
+    (tmp_path / "mistake.geojson").write_text(json.dumps(scene))
+    done = run("load", tmp_path / "mistake.geojson")
+    assert done.code == code
+    assert says in done.err, done.err
+
+
+def test_17_a_depth_with_the_wrong_sign(run: Run, tmp_path: Path) -> None:
+    """A remark names what is above the sea where others are below."""
+    file = rewritten(tmp_path / "mistake.geojson", SUB_EAST={"floor_m": 100, "ceiling_m": 250})
+    done = run("load", file)
+    assert done.code == 0
+    assert done.err.count("'SUB EAST': is 100 m above the sea") == 1, done.err
+
+
 def test_18_which_vessels_pass_through_closed_boxes(run: Run, tmp_path: Path) -> None:
     """From AIS positions; a vessel without a size takes --haven."""
     rows = ["mmsi,time,lon,lat,length,width"]
@@ -420,6 +449,23 @@ def test_19_what_cannot_be_loaded_is_counted_by_reason(run: Run, tmp_path: Path)
     assert done.err.count("(and 19 more: ") == 2
     assert len(done.err.splitlines()) <= 5
     assert "40 LEFT OUT" in done.out
+
+
+def test_20_what_would_my_route_meet(day: Run, tmp_path: Path) -> None:
+    """A route of a plotter without times, sizes and speeds: `probe FILE` takes the options of `load`.
+
+    On the way of FERRY NORTH, 20 minutes behind it, with its size and speed: the answer of task 2.
+    """
+    day("export", tmp_path / "timed.gpx", "FERRY NORTH")
+    route = tmp_path / "mine.gpx"
+    route.write_text(re.sub(r"<time>.*?</time>", "", (tmp_path / "timed.gpx").read_text()))
+    refused = day("probe", route)
+    assert refused.code == 4
+    assert "--departure" in refused.err
+    options = ("--departure", "2026-12-01T06:20Z", "--speed-kn", "18", "--haven", "0.5nmi,0.2nmi,0.2nmi,0.2nmi")
+    found = set(times(day("probe", route, *options, "--format", "json")).items())
+    met = {(key, when) for pair, when in found for key in pair if key in {"EK D 382", "FERRY SOUTH"}}
+    assert met == {("EK D 382", ("07:37:49", "08:26:39")), ("FERRY SOUTH", ("08:29:32", "08:31:53"))}
 
 
 def test_a_key_that_no_object_has_gets_a_hint(day: Run, monkeypatch: pytest.MonkeyPatch) -> None:

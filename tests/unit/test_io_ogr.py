@@ -338,7 +338,11 @@ def test_gpx_tracks_are_read_as_positions(tmp_path: Path) -> None:
     assert contents.tracks[0].outline_m.tolist() == [[0, 0]]
     assert [(one.key, one.reason, one.lines) for one in contents.skipped] == [
         ("layer 'waypoints'", "1 features are waypoints: no tracks", ()),
-        ("layer 'routes'", "1 features are routes, which have no times: no tracks", ()),
+        (
+            "layer 'routes'",
+            "1 features are routes, which have no times: no tracks; --departure and --speed-kn give them",
+            (),
+        ),
         ("Boat.1", "no time", (3,)),
         ("a.2", "a single fix: no movement to follow", (7,)),
     ]

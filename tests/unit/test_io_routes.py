@@ -362,7 +362,9 @@ def gpx(extensions: str = "", of_point: str = "") -> str:
 def test_a_route_of_gpx_needs_a_planned_departure(tmp_path: Path) -> None:
     path = tmp_path / "plan.gpx"
     path.write_text(gpx())
-    assert [one.reason for one in read(path).skipped] == ["1 features are routes, which have no times: no tracks"]
+    assert [one.reason for one in read(path).skipped] == [
+        "1 features are routes, which have no times: no tracks; --departure and --speed-kn give them"
+    ]
     (by_option,) = read(path, hints=STARTED).tracks
     planned = "<o:planned_departure>2026-03-01T06:00:00Z</o:planned_departure><o:planned_speed>12</o:planned_speed>"
     path.write_text(gpx(planned))
