@@ -165,6 +165,12 @@ class _Course:
         return found
 
 
+def reached(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], max_speed_kn: float) -> NDArray[np.bool_]:
+    """Return the fixes (n,) in the order of time that one ship reaches one after another, as many as possible."""
+    course = _Course(np.arange(len(times_us)), times_us, positions_deg)
+    return course.of_one_ship(max_speed_kn * MPS_PER_KNOT)
+
+
 def _ships_of(
     key: str, rows: Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
 ) -> Iterator[_Course]:

@@ -20,6 +20,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import file_objects
 from conflictdb.formats.features import LINES, area_of_polygon, track_of_line
 from conflictdb.formats.fields import number_as_key
+from conflictdb.formats.fixes import reached
 from conflictdb.formats.frame_values import TimeZone as TimeZone
 from conflictdb.formats.frame_values import is_of, plain
 from conflictdb.formats.names import RENAME_COLUMN
@@ -27,7 +28,7 @@ from conflictdb.formats.reference import ToDegrees, of_name
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plan_columns import PLAN_COLUMNS
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
-from conflictdb.model.speed_limits import MAX_SPEED_KN
+from conflictdb.model.speed_limits import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 
 if TYPE_CHECKING:
     import geopandas
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 HAVEN: Final = frozenset({"outline_m", "outlines_m", "grow_mps", *file_objects.SIZES})
 # Columns of a frame of fixes that belong to each fix, not to the track.
+# Trajectories that a remark names.
+_MOST_NAMED: Final = 3
 _OF_FIXES: Final = frozenset({"id", "time", "end", *file_objects.TIMES, *file_objects.SPEED})
 # Members of fixes that may differ, and how the track has them.
 _WIDEST: Final[Mapping[str, Callable[..., float]]] = {
@@ -97,12 +100,16 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
     """
     refusals = Refusals()
     found: list[Track | TrackAtSpeed] = []
+    left_out: dict[str, int] = {}
     for trajectory in getattr(given, "trajectories", [given]):
         key = _as_key(trajectory.id)
         who = f"trajectory {key!r}"
         with refusals:
             frame = trajectory.to_point_gdf()
             setting = file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
+            fixes, frame = len(frame), _reached(frame)
+            if len(frame) < fixes:
+                left_out[key] = fixes - len(frame)
             own = _of_all_fixes(who, frame, zone, haven)
             times = plain(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
             members = {"times": times, **own}
@@ -110,7 +117,23 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
             found.append(track_of_line(who, key, _with_haven(members, haven), line, setting))
     _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
     refusals.raise_found()
+    if left_out:
+        text = f"{sum(left_out.values()):,} fixes that are not reached from the fixes around them are left out"
+        named = ", ".join(f"{key!r} ({count:,})" for key, count in list(left_out.items())[:_MOST_NAMED])
+        more = ", …" if len(left_out) > _MOST_NAMED else ""
+        warnings.warn(f"trajectories: {text}: {named}{more}", UserWarning, stacklevel=2)
     return tracks
+
+
+def _reached(frame: Any) -> Any:
+    """Return the fixes of a frame, in the order of time, that one object reaches, as the reader of positions does."""
+    is_ais = any(str(name).lower() == "mmsi" for name in frame.columns)
+    times_us = np.asarray(frame.index.values, "datetime64[us]").astype(np.int64)
+    places = shapely.get_coordinates(np.asarray(frame.to_crs(4326).geometry.array, dtype=np.object_))
+    if len(places) != len(times_us) or not np.isfinite(places).all():
+        return frame  # refused later
+    kept = reached(times_us, places, AIS_MAX_SPEED_KN if is_ais else MAX_SPEED_KN)
+    return frame[kept] if kept.sum() > 1 else frame
 
 
 def _of_all_fixes(who: str, frame: Any, zone: TimeZone, haven: Mapping[str, Any]) -> dict[str, Any]:

@@ -65,7 +65,8 @@ def solve(
     tracks, areas : iterables of Track and Area, or GeoDataFrames; tracks also a TrajectoryCollection of MovingPandas
         The columns of a GeoDataFrame have the names and units of scene files; instants are datetimes with a zone.
         Without a column `id` the index is the key. It must have a reference system; systems other than longitude and
-        latitude on WGS84 are transformed. The key of a trajectory is its id.
+        latitude on WGS84 are transformed. The key of a trajectory is its id; its fixes that are not reached from the
+        others (faster than 2,000 kn, with a column `mmsi` 102.2 kn) are left out with a UserWarning.
     haven : mapping, optional
         Default haven for rows of frames without size columns: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
     time_zone : str or tzinfo, optional

@@ -443,6 +443,31 @@ def test_trajectories_are_tracks(movingpandas: Any) -> None:
 
 
 @ITS_OWN
+def test_impossible_fixes_of_trajectories_are_left_out(movingpandas: Any) -> None:
+    """As by the reader of positions, with a warning: AIS (a column mmsi) at 102.2 kn, others at 2,000 kn."""
+
+    def answer(found: Any) -> list[Any]:
+        return [(one.a_key, one.b_key, one.periods) for one in found]
+
+    area = one_area()
+    expected = solve(movingpandas.TrajectoryCollection(fixes(), "ship"), area, time_zone="UTC")
+    raw = fixes()
+    odd = raw.iloc[[2]].copy()
+    odd.index = raw.index[[2]] + pd.Timedelta("1min")
+    odd["geometry"] = [shapely.Point(60.0, 10.0)]  # 3,800 nautical miles away, for a minute
+    wild = pd.concat([raw, odd]).sort_index()
+    with pytest.warns(UserWarning, match=r"1 fixes that are not reached .* are left out: '.' \(1\)"):
+        found = solve(movingpandas.TrajectoryCollection(wild, "ship"), area, time_zone="UTC")
+    assert answer(found) == answer(expected)
+    odd["geometry"] = [shapely.Point(9.6, 57.8)]  # some 1,100 kn, and 117 kn: not of AIS
+    fast = pd.concat([raw, odd]).sort_index()
+    assert answer(solve(movingpandas.TrajectoryCollection(fast, "ship"), area, time_zone="UTC")) != answer(expected)
+    with pytest.warns(UserWarning, match="1 fixes that are not reached"):
+        found = solve(movingpandas.TrajectoryCollection(fast.assign(mmsi=1), "ship"), area, time_zone="UTC")
+    assert answer(found) == answer(expected)
+
+
+@ITS_OWN
 def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None:
     """A zone that MovingPandas removed is restored; naive times without a given zone are refused."""
     area = one_area()
