@@ -17,6 +17,8 @@ SEQUENCE conflict_seq;
 
 SEQUENCE edit_edit_id_seq;
 
+SEQUENCE live_event_live_event_id_seq;
+
 SEQUENCE piece_piece_id_seq;
 
 SEQUENCE probe_request_probe_id_seq;
@@ -268,6 +270,21 @@ TABLE live_conflict (
     as_of timestamp with time zone NOT NULL
 );
 
+TABLE live_event (
+    live_event_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    kind text NOT NULL,
+    at timestamp with time zone NOT NULL,
+    alarm_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    other_key text COLLATE C NOT NULL,
+    verdict text NOT NULL,
+    reason text,
+    first_contact timestamp with time zone,
+    last_contact timestamp with time zone,
+    place geometry(Point,4326)
+);
+
 TABLE live_state (
     scene_id bigint NOT NULL,
     key text COLLATE C NOT NULL,
@@ -499,18 +516,24 @@ TABLE proposal_left (
 TABLE proposal_move (
     proposal_id bigint NOT NULL,
     scene_id bigint NOT NULL,
-    track_id bigint NOT NULL,
+    track_id bigint,
     key text COLLATE C NOT NULL,
     version bigint NOT NULL,
-    planned geometry(LineStringM,4326) NOT NULL,
-    path geometry(LineStringM,4326) NOT NULL,
+    planned geometry(LineStringM,4326),
+    path geometry(LineStringM,4326),
     delay_s double precision NOT NULL,
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
     detour jsonb,
     explanation text NOT NULL,
-    version_after bigint
+    version_after bigint,
+    area_id bigint,
+    planned_footprint geometry(MultiPolygon,4326),
+    footprint geometry(MultiPolygon,4326),
+    planned_span tstzrange,
+    planned_activations tstzmultirange,
+    place jsonb
 );
 
 TABLE rule (
@@ -828,6 +851,21 @@ VIEW live_conflicts (
     acknowledged_for text
 );
 
+VIEW live_events (
+    scene text COLLATE C,
+    event bigint,
+    kind text,
+    at timestamp with time zone,
+    alarm_id bigint,
+    key text COLLATE C,
+    other_key text COLLATE C,
+    verdict text,
+    reason text,
+    first_contact timestamp with time zone,
+    last_contact timestamp with time zone,
+    place geometry(Point,4326)
+);
+
 VIEW map_areas (
     area_id bigint,
     scene text COLLATE C,
@@ -1010,6 +1048,9 @@ CONSTRAINT live_conflict_contacts_ordered ON live_conflict: CHECK ((first_contac
 CONSTRAINT live_conflict_pkey ON live_conflict: PRIMARY KEY (scene_id, key, other_key);
 CONSTRAINT live_conflict_scene_fkey ON live_conflict: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT live_conflict_verdict_known ON live_conflict: CHECK ((verdict = ANY (ARRAY['now'::text, 'must'::text, 'may'::text])));
+CONSTRAINT live_event_kind_known ON live_event: CHECK ((kind = ANY (ARRAY['begun'::text, 'ended'::text])));
+CONSTRAINT live_event_pkey ON live_event: PRIMARY KEY (live_event_id);
+CONSTRAINT live_event_scene_fkey ON live_event: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT live_state_known ON live_state: CHECK ((state = ANY (ARRAY['on plan'::text, 'late'::text, 'early'::text, 'off'::text, 'silent'::text, 'past its end'::text, 'not yet under way'::text])));
 CONSTRAINT live_state_late_ordered ON live_state: CHECK (((late_from_s <= late_to_s) AND (seen_from_s <= seen_to_s)));
 CONSTRAINT live_state_pkey ON live_state: PRIMARY KEY (scene_id, key);
@@ -1046,7 +1087,16 @@ CONSTRAINT proposal_pkey ON proposal: PRIMARY KEY (proposal_id);
 CONSTRAINT proposal_scene_fkey ON proposal: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT proposal_left_pkey ON proposal_left: PRIMARY KEY (proposal_id, key);
 CONSTRAINT proposal_left_proposal_fkey ON proposal_left: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
-CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, track_id);
+CONSTRAINT proposal_move_of_one ON proposal_move: CHECK (((num_nulls(track_id, planned, path) =
+CASE
+    WHEN (area_id IS NULL) THEN 0
+    ELSE 3
+END) AND (num_nonnulls(planned_footprint, footprint) =
+CASE
+    WHEN (area_id IS NULL) THEN 0
+    ELSE 2
+END)));
+CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, key);
 CONSTRAINT proposal_move_proposal_fkey ON proposal_move: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
 CONSTRAINT rule_pkey ON rule: PRIMARY KEY (rule_id);
 CONSTRAINT rule_scene_fkey ON rule: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -1112,14 +1162,15 @@ CREATE INDEX change_scene_id_object_btree ON conflictdb.change USING btree (scen
 CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_conflict_id_btree ON conflictdb.conflict USING btree (conflict_id) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_event_at_scene_id_btree ON conflictdb.conflict_event USING btree (at, scene_id);
-CREATE INDEX conflict_first_contact_spgist ON conflictdb.conflict USING spgist (first_contact_point) WHERE ((verdict <> 'near'::text) AND (region IS NULL));
-CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
+CREATE INDEX conflict_placeless_btree ON conflictdb.conflict USING btree (scene_id) WHERE ((verdict <> 'near'::text) AND (region IS NULL));
+CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE ((verdict <> 'near'::text) AND (region IS NOT NULL));
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
 CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_kind, other_id);
 CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
 CREATE INDEX edit_scene_btree ON conflictdb.edit USING btree (scene_id, edit_id);
 CREATE INDEX live_conflict_other_btree ON conflictdb.live_conflict USING btree (scene_id, other_key);
+CREATE INDEX live_event_scene_id_btree ON conflictdb.live_event USING btree (scene_id, live_event_id);
 CREATE INDEX live_state_straying_btree ON conflictdb.live_state USING btree (scene_id) WHERE (state = ANY (ARRAY['late'::text, 'early'::text, 'off'::text, 'silent'::text]));
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
@@ -1740,7 +1791,7 @@ FUNCTION _first_stops(p_scene_id bigint, p_numbers bigint[], OUT number bigint, 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _follow(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text, OUT slack_us bigint, OUT by_us bigint, OUT latest_us bigint, OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint, OUT other_high_us bigint)
+FUNCTION _follow(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT other_kind smallint, OUT verdict text, OUT slack_us bigint, OUT by_us bigint, OUT ends_us bigint[], OUT low_us bigint, OUT high_us bigint, OUT other_low_us bigint, OUT other_high_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _follow_attachment(p_attachment_id bigint, p_waits boolean, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
@@ -2124,6 +2175,9 @@ FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _note_alarm(p_kind text, p_at timestamp with time zone, p_alarm live_conflict)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _note_branch_edits()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -2140,9 +2194,6 @@ FUNCTION _notify(p_channel text, p_payload text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _notify_alarm(p_scene text, p_kind text, p_alarm_id bigint, p_key text, p_other_key text, p_verdict text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
@@ -2239,7 +2290,7 @@ FUNCTION _pieces_of(p_row piece)
     RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _placeless_within(p_scene text, p_geometry geometry)
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2565,8 +2616,14 @@ FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint,
 FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _span_later(p_span tstzrange, p_by_s double precision)
+    RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _span_of(p_text text)
     RETURNS tstzrange LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _spans_later(p_spans tstzmultirange, p_by_s double precision)
+    RETURNS tstzmultirange LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _spans_of(p_text text)
     RETURNS tstzmultirange LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
