@@ -1,6 +1,7 @@
 """Positions against plans: who is on plan, late, early, off, silent, past the end, or not yet under way."""
 
 import json
+import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -252,6 +253,22 @@ def test_trackers_insert_positions_and_nothing_else(sea: Conn, dsn: str) -> None
         sea.execute("RESET ROLE")
         sea.execute(sql.SQL("DROP ROLE {}").format(name))
         sea.commit()
+
+
+def test_fixes_of_another_table_are_passed_on(sea: Conn) -> None:
+    """By the trigger of the how-to page; what has no plan, or is in the future, stays out."""
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "compare-plans-with-positions.md"
+    [trigger] = re.findall(r"```sql\n(CREATE FUNCTION .*?)```", page.read_text(), re.DOTALL)
+    plan(sea, "A")
+    sea.execute("CREATE TABLE public.ais_fix (mmsi text, at timestamptz, place geometry)")
+    try:
+        sea.execute("SET search_path TO public")
+        sea.execute(trigger.replace("'strait'", "'s'").encode())
+        for key, at in (("A", BEGAN), ("X", BEGAN), ("A", BEGAN + timedelta(days=1))):
+            sea.execute("INSERT INTO ais_fix VALUES (%s, %s, 'SRID=4326;POINT(0 0)')", [key, at])
+        assert sea.execute("SELECT key, instant FROM conflictdb.position").fetchall() == [("A", BEGAN)]
+    finally:
+        sea.rollback()
 
 
 def test_old_positions_are_emptied_by_partitions(sea: Conn) -> None:

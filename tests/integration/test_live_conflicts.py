@@ -1,5 +1,6 @@
 """Conflicts that follow from latenesses: by lookup, and as detections of shifted copies find them."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from commands import Run
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
 
-from conflictdb import Area, Scene, Track, connect, solve, store
+from conflictdb import Area, Rule, Scene, Track, connect, solve, store
 from conflictdb.jobs import detect
 from conflictdb.jobs.looks import Looks
 from conflictdb.model.plans import rectangle_outline_m
@@ -180,6 +181,18 @@ def test_ships_off_their_plans_may_meet_each_other(conn: Conn, together: bool) -
     put(conn, "C", 29.5, 0.32, 0.2)
     found = look(conn, 29.6)
     assert found["A", "C"][:2] == ("may", "off its plan: it may be anywhere that it can reach")
+
+
+@pytest.mark.parametrize("rule", ["allowed", None])
+def test_ships_off_their_plans_are_compared_by_the_rules(conn: Conn, rule: str | None) -> None:
+    """As planned: classes that may meet raise no alarm."""
+    plans = [crossing("A", 0, north=False), crossing("B", -10, north=False)]
+    plans = [replace(plan, object_class=name) for plan, name in zip(plans, ("ferry", "tow"), strict=True)]
+    rules = () if rule is None else (Rule("ferry", "tow", allowed=True),)
+    detected(conn, plans, delays_within_s=3600, rules=rules)
+    put(conn, "A", 29, 0.3, 0.2)
+    put(conn, "B", 29.5, 0.32, 0.2)
+    assert (("A", "B") in look(conn, 29.6)) is (rule is None)
 
 
 def test_a_look_has_as_many_statements_for_many_that_are_off_as_for_two(
