@@ -219,7 +219,7 @@ COMMENT ON COLUMN live_conflicts.reason IS
 'Why nothing better is known: off its plan, a lateness that exceeds delays_within_s, no stored delays; else null.';
 COMMENT ON COLUMN live_conflicts.first_contact IS
 'When, at the likeliest lateness that conflicts: the planned contact shifted; null: unknown.';
-COMMENT ON COLUMN live_conflicts.last_contact IS 'When it is over; null: unknown.';
+COMMENT ON COLUMN live_conflicts.last_contact IS 'When it is over, at the latest; null: unknown.';
 COMMENT ON COLUMN live_conflicts.place IS 'Where the first contact is; null: unknown.';
 COMMENT ON COLUMN live_conflicts.opened_at IS 'When its slack was used up.';
 COMMENT ON COLUMN live_conflicts.as_of IS 'When a worker looked last.';

@@ -119,6 +119,17 @@ def _alarms(
                 found[pair] = alarm
         tried = {pair: (ends[pair].pop(0), rows[pair].high_us) for pair in tried if pair not in found and ends[pair]}
         is_first = False
+    # It may last until that of the latest contact that is possible.
+    latest = {
+        pair: (row.ends_us[0], row.high_us)
+        for pair, row in rows.items()
+        if pair in found and row.ends_us and (row.low_us < row.high_us or row.other_low_us < row.other_high_us)
+    }
+    for pair, conflict in _conflicts(settings, plans, place, rows, latest).items():
+        last = None if conflict is None else _alarm(conflict, "may", reason, now_us)
+        known_us = found[pair].last_us
+        if last is not None and last.last_us is not None and known_us is not None:
+            found[pair] = found[pair]._replace(last_us=max(known_us, last.last_us))
     return found
 
 

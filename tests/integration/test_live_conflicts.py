@@ -255,6 +255,21 @@ def test_an_alarm_ends_when_its_contact_is_over(conn: Conn) -> None:
     assert look(conn, 43) == {}
 
 
+def test_an_alarm_does_not_end_before_its_latest_contact(conn: Conn) -> None:
+    """A haven of 20 nmi gives the lateness to 20 minutes: it is 3 to 23 minutes late."""
+    area = Area("DIVING", [(0.49, -0.01), (0.51, -0.01), (0.51, 0.01), (0.49, 0.01)])
+    long = Track("LONG", [(0, 0), (1, 0)], [us(0), us(60)], rectangle_outline_m(18_553, 18_553, 500, 500))
+    store.replace_scene(conn, Scene("s", delays_within_s=7200), [area], [long], merge=False)
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    put(conn, "LONG", 29.5, 16.5 / 60, 0)
+    conn.execute("SET conflictdb.silent_after = '1 hour'")
+    look(conn, 30)
+    (last,) = conn.execute("SELECT last_contact FROM conflictdb.live_conflicts").fetchone() or ()
+    # On time its rear leaves the area at 40.6 minutes.
+    assert abs((last - BEGAN).total_seconds() - 60 * (40.6 + 23)) < 120
+
+
 def test_a_silent_track_may_still_meet_what_it_should_have_passed(conn: Conn) -> None:
     """Planned at the area at 30 minutes and silent since 20, it may have stopped, and be there only after 45."""
     area = Area("DIVING", [(0.49, -0.01), (0.51, -0.01), (0.51, 0.01), (0.49, 0.01)])
