@@ -70,7 +70,7 @@ static double least_m(const Box *box, int64_t n) {
 
 
 def test_what_is_changed_in_the_kernel() -> None:
-    found = [f"{m.old} -> {m.new}" for m in mutate_kernel.Sites("kernel/some.c", KERNEL).found]
+    found = [f"{m.old} -> {m.new}" for m in mutate_kernel.Sites("some.c", KERNEL).found]
     assert found == [
         "0.5 -> 1.0",
         "0 -> 1",
@@ -94,7 +94,7 @@ def test_what_is_changed_in_the_kernel() -> None:
 def test_changes_of_the_kernel_are_chosen_by_a_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nested ones, too; none is chosen at first, and the library notes which were reached."""
     source = "int sum(int a, int b) { int c = 2; c += a * b + 3; return c; }\n"
-    mutants = mutate_kernel.Sites("kernel/some.c", source).found
+    mutants = mutate_kernel.Sites("some.c", source).found
     (tmp_path / "mutants.h").write_text(mutate_kernel.HEADER.format(count=len(mutants)))
     text = '#include "mutants.h"\n' + mutate_kernel.rendered(source, list(enumerate(mutants)))
     (tmp_path / "some.c").write_text(text)

@@ -151,7 +151,7 @@ def test_every_exit_code_and_variable_is_in_the_reference() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "cli.md").read_text()
     for code, text in codes.MEANING.items():
         assert f"| {code} | {text} |\n" in page
-    variables = ("DSN", "SCENE", "TZ", "HOME", "PG_BIN", "NO_DOWNLOAD")
+    variables = ("DSN", "SCENE", "TZ", "UNITS", "HOME", "PG_BIN", "NO_DOWNLOAD")
     assert set(ENVIRONMENT) == {f"CONFLICTDB_{name}" for name in variables}
     assert all(f"| `{name}` |" in page for name in ENVIRONMENT)
 

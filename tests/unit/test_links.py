@@ -72,7 +72,7 @@ def test_modules_and_files_that_sources_name_are_there() -> None:
         text = path.read_text()
         names = re.findall(r"(?<![\w./-])conflictdb(?:\.[A-Za-z_][A-Za-z_0-9]*)+", text)
         lost = [name for name in names if name.split(".")[1] in rooms and not is_python(name)]
-        paths = re.findall(r"(?<![\w./{}*-])(?:[a-z_0-9]+/)+[a-z_0-9]+\.(?:py|c|h|sql)\b", text)
+        paths = re.findall(r"(?<![\w./{}*<-])(?:[a-z_0-9]+/)+[a-z_0-9]+\.(?:py|c|h|sql)\b", text)
         lost += [name for name in paths if not any(file.endswith(f"/{name}") for file in known)]
         wrong += [f"{path.relative_to(ROOT)}: {name}" for name in lost]
     assert wrong == []
