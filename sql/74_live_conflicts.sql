@@ -81,24 +81,27 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._note_alarm(
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene text := (SELECT s.name FROM scene s WHERE s.scene_id = p_alarm.scene_id AND NOT _is_protected());
-    -- A payload must be shorter than 8,000 bytes.
-    v_names boolean := v_scene IS NOT NULL
-                       AND octet_length(v_scene || p_alarm.key || p_alarm.other_key) < 2000;
+    -- A payload must be shorter than 8,000 bytes, as JSON: control characters in keys are six each.
+    c_most CONSTANT integer := 7900;
+    v_names jsonb := (SELECT jsonb_build_object('scene', s.name, 'keys',
+                                                jsonb_build_array(p_alarm.key, nullif(p_alarm.other_key, '')))
+                      FROM scene s WHERE s.scene_id = p_alarm.scene_id AND NOT _is_protected());
+    v_payload jsonb := jsonb_build_object('scene', NULL, 'kind', p_kind, 'alarm', p_alarm.alarm_id,
+                                          'verdict', p_alarm.verdict, 'keys', NULL);
 BEGIN
     INSERT INTO live_event (scene_id, kind, at, alarm_id, key, other_key, verdict, reason, first_contact, last_contact,
                             place)
         VALUES (p_alarm.scene_id, p_kind, p_at, p_alarm.alarm_id, p_alarm.key, p_alarm.other_key, p_alarm.verdict,
                 p_alarm.reason, p_alarm.first_contact, p_alarm.last_contact, p_alarm.place);
-    PERFORM _notify('conflictdb_alarm', jsonb_build_object(
-        'scene', CASE WHEN v_names THEN v_scene END, 'kind', p_kind, 'alarm', p_alarm.alarm_id,
-        'verdict', p_alarm.verdict,
-        'keys', CASE WHEN v_names THEN jsonb_build_array(p_alarm.key, nullif(p_alarm.other_key, '')) END)::text);
+    IF octet_length((v_payload || v_names)::text) < c_most THEN
+        v_payload := v_payload || v_names;
+    END IF;
+    PERFORM _notify('conflictdb_alarm', v_payload::text);
 END
 $$;
 COMMENT ON FUNCTION _note_alarm(text, timestamptz, live_conflict) IS
 'Records that an alarm has begun or ended, and notifies channel conflictdb_alarm; scene and keys are null if scenes '
-'are protected.';
+'are protected, or the names too long.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,

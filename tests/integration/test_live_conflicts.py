@@ -1,5 +1,6 @@
 """Conflicts that follow from latenesses: by lookup, and as detections of shifted copies find them."""
 
+import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -359,6 +360,19 @@ def test_a_look_that_ends_before_its_commit_is_done_again(conn: Conn, monkeypatc
     (first,) = look(conn, 28).values()
     (again,) = look(conn, 28).values()
     assert (first[-1], first[0]) == (again[-1], "must")
+
+
+def test_keys_too_long_for_a_notification_are_left_out(conn: Conn, dsn: str) -> None:
+    """JSON writes a control character as six."""
+    keys = "\x01" * 900, "\x02" * 900
+    detected(conn, [crossing(keys[0], 0, north=False), crossing(keys[1], 10, north=True)], delays_within_s=3600)
+    with psycopg.connect(dsn, autocommit=True) as heard:
+        heard.execute("LISTEN conflictdb_alarm")
+        put(conn, keys[0], 28, 18 / 60, 0)
+        (pair,) = look(conn, 28)
+        told = [json.loads(one.payload) for one in heard.notifies(timeout=30, stop_after=1)]
+    assert pair == keys
+    assert [(one["kind"], one["scene"], one["keys"]) for one in told] == [("begun", None, None)]
 
 
 def test_an_alarm_is_acknowledged_until_it_gets_worse(conn: Conn) -> None:
