@@ -89,6 +89,35 @@ $$;
 COMMENT ON FUNCTION _end_acknowledgement(bigint) IS
 'Ends the acknowledgement of a conflict; returns whether there was one.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_alarm_acknowledged() RETURNS trigger
+LANGUAGE plpgsql SET search_path FROM CURRENT AS $$
+DECLARE
+    v_user text := current_user;
+BEGIN
+    IF num_nulls(NEW.acknowledged_by, NEW.acknowledged_for) > 0 THEN
+        NEW.acknowledged_by := NULL;
+        NEW.acknowledged_at := NULL;
+        NEW.acknowledged_for := NULL;
+    ELSE
+        NEW.acknowledged_at := now();
+        IF NEW.acknowledged_by <> v_user
+           AND right(NEW.acknowledged_by, length(v_user) + 3) <> ' (' || v_user || ')' THEN
+            NEW.acknowledged_by := v_user;
+        END IF;
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_alarm_acknowledged() IS
+'Trigger: fills in who acknowledges an alarm, with the name that is given, and when. Without a reason nobody does.';
+
+-- Editors write in their own name only.
+CREATE OR REPLACE TRIGGER live_conflict_updated
+    BEFORE UPDATE OF acknowledged_by, acknowledged_at, acknowledged_for ON live_conflict
+    FOR EACH ROW WHEN ((NEW.acknowledged_by, NEW.acknowledged_at, NEW.acknowledged_for)
+                       IS DISTINCT FROM (OLD.acknowledged_by, OLD.acknowledged_at, OLD.acknowledged_for))
+    EXECUTE FUNCTION conflictdb_internal._before_alarm_acknowledged();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._acknowledge_alarm(
     p_scene_id bigint, p_a_key text, p_b_key text, p_reason text, p_by text
 ) RETURNS bigint

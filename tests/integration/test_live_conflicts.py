@@ -392,3 +392,21 @@ def test_an_alarm_is_acknowledged_until_it_gets_worse(conn: Conn) -> None:
         db.scene("s").acknowledge("FERRY", "TOW", "known")
         assert db.scene("s").unacknowledge("FERRY", "TOW")
         assert not db.scene("s").unacknowledge("FERRY", "TOW")
+
+
+def test_editors_acknowledge_alarms_in_their_own_name(conn: Conn) -> None:
+    """Whatever they write, and now."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    look(conn, 28)
+    conn.execute("SET ROLE conflictdb_editor")
+    for by, shown in (("Chief", "conflictdb_editor"), ("Ann (conflictdb_editor)", "Ann (conflictdb_editor)")):
+        found = conn.execute(
+            "UPDATE conflictdb.live_conflict SET acknowledged_by = %s, acknowledged_at = '2020-01-01', "
+            "acknowledged_for = 'seen' RETURNING acknowledged_by, acknowledged_at = now()", [by],
+        ).fetchall()  # fmt: skip
+        assert found == [(shown, True)]
+    conn.execute("UPDATE conflictdb.live_conflict SET acknowledged_for = NULL")
+    conn.execute("RESET ROLE")
+    (row,) = conn.execute("SELECT acknowledged_by, acknowledged_at, acknowledged_for FROM conflictdb.live_conflict")
+    assert row == (None, None, None)
