@@ -138,6 +138,9 @@ BEGIN
     FOR v_one IN
         DELETE FROM live_conflict c
             WHERE c.last_contact < v_now - c_over
+               -- An area may have the key of a removed track.
+               OR NOT EXISTS (SELECT FROM live_state l
+                              WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key))
                OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
                           WHERE k <> ''
                             AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
@@ -148,8 +151,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _end_alarms(bigint) IS
-'Ends the alarms whose contact is over for a minute at an instant (microseconds), and those of removed objects. None '
-'while another session looks.';
+'Ends the alarms whose contact is over for a minute at an instant (microseconds), those of removed objects, and those '
+'of no track with positions. None while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],

@@ -246,6 +246,15 @@ def test_alarms_of_removed_objects_end(conn: Conn, delays_within_s: float, other
         conn.execute("TRUNCATE conflictdb.live_state")
 
 
+def test_an_alarm_ends_when_an_area_takes_the_key_of_its_track(conn: Conn) -> None:
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)])
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    assert set(look(conn, 28)) == {("FERRY", None)}
+    conn.execute("SELECT conflictdb.remove_object('s', 'FERRY')")
+    conn.execute("SELECT conflictdb.put_area('s', 'FERRY', ST_MakeEnvelope(5, 5, 6, 6, 4326))")
+    assert look(conn, 28.2) == {}
+
+
 def test_an_alarm_ends_when_its_contact_is_over(conn: Conn) -> None:
     """Without another position: they meet from 39 to 41 minutes."""
     detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
