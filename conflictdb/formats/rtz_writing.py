@@ -25,6 +25,8 @@ _OF_ROUTE: Final = ("kind", "times", "name")
 _STEP_NMI: Final = 1e-4
 # Signs that names of files do not have on every system; characters of a name.
 _NO_NAME: Final = re.compile(r"[^\w .-]|^[. ]|[. ]$")
+# Names of devices on Windows, with any ending.
+_DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)
 _LONGEST_STEM: Final = 60
 
 
@@ -79,6 +81,7 @@ def file_names(tracks: Sequence[Track]) -> list[str]:
     taken: set[str] = set()
     for track in tracks:
         stem = _NO_NAME.sub("_", track.key)[:_LONGEST_STEM] or "_"
+        stem = f"_{stem}" if _DEVICE.match(stem) else stem
         name, n = f"{stem}.rtz", 2
         while name.casefold() in taken:
             name, n = f"{stem}-{n}.rtz", n + 1

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1149c0600e8d7d21f2c438f545269f14c31aaa290e1dc70f4764fa78256f3a58"
+routines_sha256 = "b241825e14850cd74a5461b812bdeceb316d15bf4f35ef9c013918a336ec0eda"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

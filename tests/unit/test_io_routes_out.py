@@ -47,8 +47,10 @@ def test_a_key_that_xml_cannot_hold_is_refused() -> None:
 
 
 def test_names_of_files_are_sound_and_each_is_there_once() -> None:
-    keys = ["a", "A", "a/b", "a\\b", "..", "", "x" * 500, "CON:", " lead", "trail."]
+    keys = ["a", "A", "a/b", "a\\b", "..", "", "x" * 500, "CON:", " lead", "trail.", "nul", "Com1.x"]
     names = file_names([track(key or "e") for key in keys])
     assert len({name.casefold() for name in names}) == len(keys)
     assert all(name.endswith(".rtz") and len(name) < 80 for name in names)
+    # Names of devices on Windows, with any ending.
+    assert not {name.casefold().partition(".")[0] for name in names} & {"con", "nul", "com1"}
     assert not any(set(name) & set('/\\:*?"<>|\0') or name.startswith((".", " ")) for name in names)
