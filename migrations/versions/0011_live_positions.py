@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b241825e14850cd74a5461b812bdeceb316d15bf4f35ef9c013918a336ec0eda"
+routines_sha256 = "0bf5e4f4f7aab5c465f8917e0a644c26a6a0e6a80ff9e10b4bf0ec83890c6d1d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

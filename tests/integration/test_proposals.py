@@ -769,3 +769,21 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert tried.endswith(
         "--movable (other times of areas, with --aside other places), no KEY, no --keep (all may move)"
     )
+
+
+def test_an_area_that_got_a_schedule_since_is_not_undone(db: Database) -> None:
+    """Its times are not those that the proposal gave it."""
+    put = "SELECT conflictdb.put_area('s', 'A', 'SRID=4326;POLYGON((0.4 -0.1, 0.6 -0.1, 0.6 0.1, 0.4 -0.1))', {})"
+    ask(db, "SELECT conflictdb.create_scene('s')")
+    ask(db, put.format("p_active_span => '[2026-06-01 00:00Z, 2026-06-01 01:00Z)'"))
+    ask(
+        db,
+        "SELECT conflictdb.put_track('s', 'F', conflictdb.track_path('SRID=4326;LINESTRING(0 0, 1 0)', "
+        "ARRAY['2026-06-01 00:00Z', '2026-06-01 01:00Z']::timestamptz[]), "
+        "conflictdb.rectangle_outline(100, 100, 100, 100))",
+    )
+    number = db.scene("s").resolve(movable=["A"], keep=["F"]).proposal_id or 0
+    assert db.apply_proposal(number) == 1
+    ask(db, put.format("""p_schedule => '[{"days": ["MON"], "periods": [["00:00", "01:00"]], "timezone": "UTC"}]'"""))
+    with pytest.raises(InvalidInput, match="has changed since it was applied: area 'A'"):
+        db.undo_proposal(number)
