@@ -68,11 +68,11 @@ def test_a_late_ship_has_its_alarm_on_top_and_its_place_on_the_map(dsn: str, ser
     alarms.nth(1).click()
     expect(page.locator("#object h2")).to_have_text("FERRY")
     expect(page.locator("#clock")).to_have_text("09:11:02")
-    # It catches up: alarms end by themselves.
+    # It catches up, and both contacts are over: alarms end by themselves.
     with psycopg.connect(dsn) as conn:
         place = "SELECT ST_X(p), ST_Y(p) FROM ST_Centroid(conflictdb.haven_at('strait', 'FERRY', %s)) p"
-        row = conn.execute(place, ["2026-06-01 08:50+00"]).fetchone()
+        row = conn.execute(place, ["2026-06-01 09:25+00"]).fetchone()
     assert row is not None
-    look(dsn, "2026-06-01T08:50:00", *row)
-    expect(page.locator("#live p")).to_have_text("1 position, the last at 08:50:00: 1 on plan")
+    look(dsn, "2026-06-01T09:25:00", *row)
+    expect(page.locator("#live p")).to_have_text("1 position, the last at 09:25:00: 1 on plan")
     expect(alarms).to_have_count(0)

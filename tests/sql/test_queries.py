@@ -204,8 +204,9 @@ def test_a_region_on_which_geometry_fails_is_found_out_by_the_database(
     assert shapely.box(4.499, 56.999, 5.001, 58.001).covers(region)
 
 
-@pytest.mark.parametrize("method", Method)
+@pytest.mark.parametrize("method", sorted(set(Method) - {Method.SCREEN}))
 def test_all_conflicts_have_a_valid_region(conn: Conn, method: Method) -> None:
+    """But those of `screen`, which computes none."""
     load(conn, Scene("s", method=method), AREAS, TRACKS)
     detect(conn, "s", jobs=1)
     rows = conn.execute(
