@@ -588,7 +588,7 @@ DECLARE
     -- Relative slack; SPEED_SLACK in conflictdb.speeds.
     c_slack CONSTANT double precision := 0.01;
     -- Of the mean sphere, nautical miles, and seconds an hour.
-    c_diameter_nmi CONSTANT double precision := 2 * 6371008.8 / 1852;
+    c_diameter_nmi CONSTANT double precision := 2 * _sphere_m()::double precision / 1852;
     c_hour_s CONSTANT double precision := 3600;
 BEGIN
     -- ST_DistanceSphere opens the database of PROJ: 4 MB in each backend that writes a track.
@@ -598,8 +598,8 @@ BEGIN
                          + cos(s.lat_before) * cos(s.lat) * sin((s.lon - s.lon_before) / 2) ^ 2))) AS kn
               FROM (SELECT w.n, w.lon, w.lat, lag(w.lon) OVER o AS lon_before, lag(w.lat) OVER o AS lat_before,
                            w.s - lag(w.s) OVER o AS took_s
-                    FROM (SELECT d.path[1] - 1 AS n, radians(ST_X(d.geom)) AS lon, radians(ST_Y(d.geom)) AS lat,
-                                 ST_M(d.geom) AS s
+                    FROM (SELECT d.path[1] - 1 AS n, radians(_not_tiny(ST_X(d.geom))) AS lon,
+                                 radians(_not_tiny(ST_Y(d.geom))) AS lat, ST_M(d.geom) AS s
                           FROM ST_DumpPoints(p_path) d) w
                     WINDOW o AS (ORDER BY w.n)) s) l
         WHERE l.kn > p_most_kn * (1 + c_slack) ORDER BY l.n LIMIT 1;

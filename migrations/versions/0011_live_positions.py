@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0bf5e4f4f7aab5c465f8917e0a644c26a6a0e6a80ff9e10b4bf0ec83890c6d1d"
+routines_sha256 = "9e823749073afd66a13eeb4c8442f0899e49ffce5b2144caf77cc55240fa6e50"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -398,10 +398,10 @@ def test_settings_and_schedules_that_a_format_lacks_are_said(name: str, tmp_path
         write_scene_file([replace(one, schedule=None) for one in plans], tmp_path / name, Scene("s"))
 
 
-@pytest.mark.parametrize("name", ["plans.gpx", "plans.CSV.gz", "plans.s421", "plans.notam"])
+@pytest.mark.parametrize("name", ["plans.kmz", "plans.CSV.gz", "plans.s421", "plans.notam"])
 def test_a_format_that_is_only_read_is_not_written(tmp_path: Path, name: str) -> None:
     """It became a scene file, which does not load under that name."""
-    with pytest.raises(InvalidInput, match=r"this format is read, not written: write \.rtz, \.kml"):
+    with pytest.raises(InvalidInput, match=r"this format is read, not written: write \.rtz, \.gpx, \.kml"):
         write_scene_file([], tmp_path / name, Scene("plans"))
     assert not list(tmp_path.iterdir())
 
