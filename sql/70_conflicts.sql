@@ -332,7 +332,8 @@ COMMENT ON FUNCTION _window(geometry, text) IS
 'in the plane touch it.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._met_by_place(
-    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision,
+    p_reach_m double precision
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
@@ -349,7 +350,7 @@ BEGIN
             -- Of no class: compared with all.
             SELECT r.*, (r.rough).span FROM _rough_pieces_at(
                 p_scene_id, v_wanted_m, ARRAY[0::smallint], ARRAY[NULL::bigint], ARRAY[0::bigint], ARRAY[0::bigint],
-                ARRAY[true], ARRAY[coalesce(v_place, p_geometry)], ARRAY[0::double precision],
+                ARRAY[true], ARRAY[coalesce(v_place, p_geometry)], ARRAY[p_reach_m],
                 ARRAY[tstzmultirange(p_span)], ARRAY[p_floor_m], ARRAY[p_ceiling_m]) r
         )
         SELECT p.object_kind, p.object_id, p.version, _shared_span(u.span, g.span, v_within_s),
@@ -367,9 +368,11 @@ BEGIN
         JOIN given g ON _pieces_may_meet(g.rough, u, v_within_s, NULL);
 END
 $$;
-COMMENT ON FUNCTION _met_by_place(bigint, geometry, tstzrange, double precision, double precision) IS
-'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
-'two heights (metres; null: unbounded), and rough pieces of objects that changed since, without region.';
+COMMENT ON FUNCTION _met_by_place(
+    bigint, geometry, tstzrange, double precision, double precision, double precision) IS
+'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees), or all within a reach of it '
+'(metres), during a span and between two heights (metres; null: unbounded), and rough pieces of objects that changed '
+'since, without region.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._placeless_within(p_scene text, p_geometry geometry)
 RETURNS SETOF bigint
@@ -379,6 +382,8 @@ SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_within_s double precision := _longest_time_s(v_scene_id);
+    -- Regions reach beyond swept hulls by this or the tolerance, metres; first contacts are rounded.
+    c_slack_m CONSTANT double precision := 1;
 BEGIN
     IF NOT EXISTS (SELECT FROM conflict c
                    WHERE c.scene_id = v_scene_id AND c.verdict <> 'near' AND c.region IS NULL) THEN
@@ -391,7 +396,9 @@ BEGIN
         WITH near AS MATERIALIZED (
             -- At all times: a region is of all periods.
             SELECT m.object_kind, m.object_id, range_agg(_widened(m.span, v_within_s)) AS spans
-            FROM _met_by_place(v_scene_id, p_geometry, tstzrange(NULL, NULL), NULL, NULL) m
+            FROM _met_by_place(v_scene_id, p_geometry, tstzrange(NULL, NULL), NULL, NULL,
+                               (SELECT greatest(s.tolerance_m, c_slack_m) FROM scene s
+                                WHERE s.scene_id = v_scene_id)) m
             GROUP BY m.object_kind, m.object_id
         )
         SELECT c.conflict_id FROM conflict c
@@ -442,7 +449,7 @@ BEGIN ATOMIC
     FROM (SELECT x.object_kind, x.object_id, x.version, range_agg(x.span) AS spans,
                  ST_Union(_part_from_plane(x.region, s.plane)) AS region
           FROM _met_by_place(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
-                             p_ceiling_m) x
+                             p_ceiling_m, 0) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                       WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           GROUP BY x.object_kind, x.object_id, x.version) n

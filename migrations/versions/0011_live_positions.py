@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9e823749073afd66a13eeb4c8442f0899e49ffce5b2144caf77cc55240fa6e50"
+routines_sha256 = "362d7bbd7ff6371a2fee93aee1233cc008942030393d5073709a01d9394ff901"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -106,6 +106,19 @@ def test_a_query_by_place_compares_swept_hulls_and_says_so(both: Conn) -> None:
     assert within(both, "s", 0.85, 50.4, 0.95, 50.6, span="[1999-01-01,1999-01-02)") == {("EAST", "WEST")}
 
 
+def test_a_query_at_a_first_contact_or_an_edge_of_a_region_finds_the_conflict(conn: Conn) -> None:
+    """Regions reach beyond swept hulls by up to a metre, and first contacts are rounded."""
+    for name, regions in (("on", "on"), ("s", "off")):
+        detected(conn, Scene(name, tolerance_m=0.0, regions=regions))  # type: ignore[arg-type]
+    asked = """SELECT ST_X(d.geom), ST_Y(d.geom) FROM conflictdb.conflicts c
+               CROSS JOIN ST_DumpPoints(ST_Collect(c.region, c.first_contact_point)) d WHERE c.scene = 'on'"""
+    places = rows(conn, asked)
+    assert len(places) > 20
+    for lon, lat in places:
+        corners = lon, lat, lon + 1e-10, lat + 1e-10
+        assert within(conn, "s", *corners) >= within(conn, "on", *corners), corners
+
+
 def test_a_query_by_place_finds_what_screen_finds(both: Conn) -> None:
     rows(both, "SELECT conflictdb.create_scene('s', p_method => 'screen', p_regions => 'on')")
     detect(both, "s", jobs=1)
