@@ -1089,7 +1089,7 @@ class StoredScene:
         """
         from conflictdb.memory import questions
         from conflictdb.model.units import Units
-        from conflictdb.plot import brief, report
+        from conflictdb.plot import brief_pages, report
 
         report.check_name(file)
         if units not in list(Units):
@@ -1099,7 +1099,7 @@ class StoredScene:
 
             checked_brief = brief_of(self, key, time_zone, Units(units))
             _warn_if_incomplete(checked_brief.state)
-            brief.write(checked_brief, file)
+            brief_pages.write(checked_brief, file)
             return
         with store.transaction(self.connection):
             settings, areas, tracks = self._read()

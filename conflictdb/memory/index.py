@@ -72,7 +72,7 @@ class Index:
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
         # Plans of the newest state that are in no tree yet, by key: many are cut at once.
-        self._waiting: dict[str, _Waiting] = {}
+        self._waiting: dict[str, _NewPlan] = {}
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
@@ -141,7 +141,7 @@ class Index:
             if mine is None:
                 self._state = self._state.without_dead(self._scene, number, self._live())
                 for one, of in zip(given, owners, strict=True):
-                    self._waiting[one.key] = _Waiting(one, of, _copied(one))
+                    self._waiting[one.key] = _NewPlan(one, of, _copied(one))
                 if len(self._waiting) >= _WAITING:
                     self._cut_waiting()
             else:
@@ -311,7 +311,7 @@ class _Owner:
         return None if self.is_plan else self.stated
 
 
-class _Waiting(NamedTuple):
+class _NewPlan(NamedTuple):
     """A plan that is in no tree yet; copy : as it was when it was put."""
 
     plan: Plan
