@@ -104,13 +104,13 @@ class Watch:
             rows = self.conn.execute(
                 "SELECT key, other_key, verdict, alarm_id, reason FROM conflictdb.live_conflicts"
             ).fetchall()
+            over = self.conn.execute("SELECT key FROM conflictdb.live WHERE state = 'past its end'").fetchall()
         verdicts: dict[frozenset[str], str] = {}
         for key, other, verdict, number, _ in rows:
             pair = frozenset((key, other or ""))
             verdicts[pair] = verdict
             self.named.setdefault(pair, now_us)
             self.alarms.setdefault(pair, set()).add(number)
-        over = self.conn.execute("SELECT key FROM conflictdb.live WHERE state = 'past its end'").fetchall()
         self.over = {**dict.fromkeys((key for (key,) in over), now_us), **self.over}
         self.looks += 1
         if self.looks % COMPARED_EVERY == 0:
