@@ -139,6 +139,6 @@ def _boxes_of_rows(bundles: Bundles) -> tuple[NDArray[np.int64], RowBoxes]:
         start_us=start_us[ids],
         end_us=end_us[ids],
         object=numbers_of(pieces.kind[of], pieces.object_id[of]),
-        is_copy=pieces.turn[of] != 0,
+        is_copy=pieces.turn[of].astype(bool),
         owner=pieces.owner_number[of],
     )
