@@ -78,6 +78,7 @@ export class Live {
     container.hidden = tracks.size === 0;
     if (container.hidden) {
       container.replaceChildren();
+      byId("alarm").textContent = "";
       return;
     }
     const newest = [...tracks.values()].reduce((last, { t }) => Math.max(last, t), -Infinity);
