@@ -1226,6 +1226,7 @@ CREATE TRIGGER attachment_updated AFTER UPDATE ON conflictdb.attachment FOR EACH
 CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EACH ROW EXECUTE FUNCTION _branch_edit_before() -- always;
 CREATE TRIGGER branch_edit_edits_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _note_branch_edits();
 CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
+CREATE TRIGGER live_conflict_updated BEFORE UPDATE OF acknowledged_by, acknowledged_at, acknowledged_for ON conflictdb.live_conflict FOR EACH ROW WHEN ((((new.acknowledged_by IS DISTINCT FROM old.acknowledged_by) OR (new.acknowledged_at IS DISTINCT FROM old.acknowledged_at)) OR (new.acknowledged_for IS DISTINCT FROM old.acknowledged_for))) EXECUTE FUNCTION _before_alarm_acknowledged();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER position_before BEFORE INSERT ON conflictdb."position" FOR EACH ROW EXECUTE FUNCTION _position_before() -- always;
 CREATE TRIGGER position_inserted AFTER INSERT ON conflictdb."position" REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_positions();
@@ -1426,6 +1427,9 @@ FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_kind text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_acknowledgement()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _before_alarm_acknowledged()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_attachment()
@@ -2127,7 +2131,7 @@ FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
 FUNCTION _members_of_plans()
     RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _met_by_place(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _met_by_place(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_reach_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _met_by_plans(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[], p_most integer)
