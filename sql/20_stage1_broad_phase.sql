@@ -158,8 +158,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _order_of_all(bigint, bigint) IS
-'The numbers of all objects of a scene in the order of kind and key (array_send), if it has at most p_objects, and each '
-'has a mark for all of its pairs, covered or not. Otherwise, and for a branch, null.';
+'The numbers of all objects of a scene in the order of kind and key (array_send), if it has at most p_objects, and '
+'each has a mark for all of its pairs, covered or not. Otherwise, and for a branch, null.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._are_covered(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql STABLE PARALLEL SAFE

@@ -499,10 +499,11 @@ BEGIN
     SELECT string_agg(format('%s %L', CASE WHEN m.area_id IS NULL THEN 'track' ELSE 'area' END, m.key), ', '
                       ORDER BY m.key) INTO v_changed
         FROM proposal_move m LEFT JOIN track t USING (track_id) LEFT JOIN area a ON a.area_id = m.area_id
-        -- Rows of attached tables may not have been read since; a detection expands schedules, which is a new version. An
-        -- area that moved in time had no schedule then.
+        -- Rows of attached tables may not have been read since; a detection expands schedules, which is a new version.
+        -- An area that moved in time had no schedule then.
         WHERE m.proposal_id = p_proposal_id
-          AND CASE WHEN a.schedule IS NOT NULL AND m.delay_s = 0 THEN a.footprint::bytea IS DISTINCT FROM m.footprint::bytea
+          AND CASE WHEN a.schedule IS NOT NULL AND m.delay_s = 0
+                   THEN a.footprint::bytea IS DISTINCT FROM m.footprint::bytea
                    WHEN m.area_id IS NOT NULL THEN a.version IS DISTINCT FROM m.version_after
                    WHEN m.version_after IS NULL
                    THEN t.path::bytea IS DISTINCT FROM m.path::bytea AND t.version IS DISTINCT FROM m.version

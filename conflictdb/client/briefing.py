@@ -1,14 +1,15 @@
 """Read what a brief of one plan, or a calendar of it, says."""
 
-from datetime import UTC, datetime, tzinfo
+from datetime import datetime, tzinfo
 from typing import TYPE_CHECKING, Final
 
 from conflictdb import store
+from conflictdb.core.world import World
 from conflictdb.errors import InvalidInput
 from conflictdb.model.brief import Brief, Proposed
 from conflictdb.model.inputs import EPOCH, MICROSECOND
-from conflictdb.model.plans import Area, Track
-from conflictdb.model.recurring_plans import expanded_area, spans_of, window_over
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import spans_of
 from conflictdb.model.results import Delays
 from conflictdb.model.units import Units
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 _WITHIN_S: Final = 43_200.0
 
 
-def activations_of(plan: Area | Track, horizon_days: float) -> list[tuple[datetime | None, datetime | None]]:
+def activations_of(plan: Area | Track, settings: Scene) -> list[tuple[datetime | None, datetime | None]]:
     """Return when an area is active, its schedule as far as its own dates, else as far as the horizon from today.
 
     None: unbounded. A track has none.
@@ -34,8 +35,7 @@ def activations_of(plan: Area | Track, horizon_days: float) -> list[tuple[dateti
         try:
             known = known_spans(schedule_of(f"area {plan.key!r}", plan.schedule), plan.start_us, plan.end_us)
             if known is None:
-                now_us = (datetime.now(UTC) - EPOCH) // MICROSECOND
-                spans = spans_of(expanded_area(plan, window_over(now_us, horizon_days, [])))
+                spans = spans_of(World.of(settings, [plan], []).expanded([plan], [])[0][0])
             else:
                 spans = tuple((start, end) for start, end in known.tolist())
         except InvalidInput:  # a schedule that is not understood
@@ -57,7 +57,7 @@ def brief_of(scene: "StoredScene", key: str, zone: tzinfo, units: Units) -> "Bri
         proposed = store.proposed(scene.connection, scene.name, key)
     others: dict[str, Area | Track] = {area.key: area for area in areas}
     others |= {track.key: track for track in tracks}
-    active = activations_of(plan, settings.horizon_days)
+    active = activations_of(plan, settings)
     move = None if proposed is None else Proposed(*proposed)
     return Brief(settings, plan, active, others, list(found), found.state, _delays(scene, key), move, zone, units)
 

@@ -880,7 +880,7 @@ class StoredScene:
         """
         from conflictdb.client.briefing import activations_of
 
-        found = activations_of(self.plan(key), self.settings().horizon_days)
+        found = activations_of(self.plan(key), self.settings())
         return [(start, end) for start, end in found if start is not None and end is not None]
 
     def delayed(self, key: str, delay: timedelta) -> "Area | Track":

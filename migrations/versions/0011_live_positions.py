@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "362d7bbd7ff6371a2fee93aee1233cc008942030393d5073709a01d9394ff901"
+routines_sha256 = "64163f342ea8552affe00dce9cad4e7d016bdd0df1d9f52193f4cf7b2b2ab4fa"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
