@@ -129,13 +129,22 @@ COMMENT ON FUNCTION _interval_set(text, interval, interval) IS
 'second to p_most.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._may_look() RETURNS boolean
-LANGUAGE sql VOLATILE
-BEGIN ATOMIC
-    -- Arbitrary number.
-    SELECT pg_try_advisory_xact_lock(4711870352216840127);
-END;
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    -- Locking writes, and most databases have no positions.
+    IF NOT EXISTS (SELECT FROM position) AND NOT EXISTS (SELECT FROM live_state)
+       AND NOT EXISTS (SELECT FROM live_conflict) THEN
+        RETURN false;
+    END IF;
+    -- A row, which only workers may lock: any role could hold an advisory lock, and stop all looks. A restored database
+    -- may lack the row; it says that nothing was seen.
+    INSERT INTO position_look (is_only, seen) VALUES (true, '1:1:') ON CONFLICT (is_only) DO NOTHING;
+    PERFORM FROM position_look FOR UPDATE SKIP LOCKED;
+    RETURN FOUND;
+END
+$$;
 COMMENT ON FUNCTION _may_look() IS
-'Whether the transaction may look at positions: from now to its end no other one may.';
+'Whether there is something to look at, and the transaction may: from now to its end no other one may.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,

@@ -125,6 +125,31 @@ def test_what_is_older_or_comes_twice_changes_nothing(sea: Conn) -> None:
     assert look(sea, looks=looks)["A"] == again
 
 
+def test_one_session_looks_and_only_workers_can_keep_others_from_it(sea: Conn, dsn: str) -> None:
+    """A reader held the lock of looks when it was an advisory one, and there were no more alarms."""
+    plan(sea, "A")
+    put(sea, "A", 20, 20 / 60)
+    may = "SELECT conflictdb_internal._may_look()"
+    sea.commit()
+    with psycopg.connect(dsn) as other:
+        other.execute("SELECT pg_advisory_lock(4711870352216840127)")  # of looks, once
+        assert look(sea)["A"].state == "on plan"
+        for role in ("conflictdb_reader", "conflictdb_editor", "conflictdb_tracker"):
+            other.execute(sql.SQL("SET ROLE {}").format(sql.Identifier(role)))
+            with pytest.raises(psycopg.errors.InsufficientPrivilege):
+                other.execute("SELECT FROM conflictdb.position_look FOR UPDATE")
+            other.rollback()
+        assert other.execute(may).fetchone() == (True,)
+        assert other.execute(may).fetchone() == (True,)
+        assert sea.execute(may).fetchone() == (False,)
+        sea.commit()
+        other.commit()
+        assert sea.execute(may).fetchone() == (True,)
+    sea.execute("DELETE FROM conflictdb.position_look")  # as in a restored database
+    put(sea, "A", 21, 21 / 60)
+    assert look(sea)["A"].instant == BEGAN + timedelta(minutes=21)
+
+
 def test_positions_of_open_transactions_are_not_missed(sea: Conn, dsn: str) -> None:
     """One that began before a look and commits after it is read by the next."""
     plan(sea, "A")
