@@ -2123,7 +2123,7 @@ FUNCTION _may_have_triggers(p_table oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _may_look()
-    RETURNS boolean LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
