@@ -63,7 +63,8 @@ def test_a_wait_sees_an_edit_behind_a_view(db: Database) -> None:
         assert reader.execute("SELECT count(*) FROM conflictdb.conflicts").fetchone() == (1,)
         # The transaction goes on; its lock does not.
         until(lambda: store.waiting_scenes(db.connection) == {})
-        assert elsewhere(db, "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory'") == [(0,)]
+        locks = f"SELECT FROM pg_locks WHERE locktype = 'advisory' AND pid = {reader.info.backend_pid}"
+        assert elsewhere(db, locks) == []
     after = db.scene("s").state().compared_at
     assert after is not None
     assert after > before
