@@ -20,6 +20,7 @@ from draws import draws
 from hypothesis import HealthCheck, Phase, given, settings
 from jsonschema import Draft202012Validator
 from patience import WAIT_S
+from ports import free_port
 from psycopg import conninfo
 from scenes import box, sail
 from schemathesis import GenerationMode
@@ -39,9 +40,7 @@ def address(dsn: str, tmp_path: Path) -> Iterator[str]:
         admin.execute(f"DROP ROLE IF EXISTS {ROLE}".encode())
         admin.execute(f"CREATE ROLE {ROLE} LOGIN IN ROLE conflictdb_editor".encode())
         store.replace_scene(admin, Scene("s"), [box("A", 0.4, -0.1, 0.6, 0.1)], [], merge=True)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "uvicorn", "--factory", "app:application", "--port", f"{port}"]
     own = {"CONFLICTDB_DSN": conninfo.make_conninfo(dsn, user=ROLE)}
     quiet = ["--log-level", "warning"]

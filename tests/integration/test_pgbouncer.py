@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 import threading
@@ -18,6 +17,7 @@ import sqlalchemy
 from city import CITY, asked, keys, square
 from commands import STRAIT, STRAIT_CAME, runner
 from patience import WAIT_S, until
+from ports import free_port
 from psycopg import conninfo
 
 from conflictdb import connect, store
@@ -62,9 +62,7 @@ def bouncer(dsn: str, mode: str, size: int) -> Iterator[str]:
     assert PROGRAM is not None
     given = conninfo.conninfo_to_dict(dsn)
     wanted = {name: given[name] for name in ("host", "port", "user", "password") if given.get(name)}
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     directory = Path(tempfile.mkdtemp(prefix="conflictdb-pgbouncer-"))
     directory.chmod(0o777)
     file = directory / "pgbouncer.ini"

@@ -1,7 +1,6 @@
 """A scene of a database through Spark and back: read by workers or exported, its conflicts are those of `detect`."""
 
 import re
-import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -18,6 +17,7 @@ import scenes
 import shapely
 from commands import STRAIT, Run, known, runner
 from own_server import own_server
+from ports import free_port
 from psycopg import conninfo
 from spark_answers import Spark
 
@@ -56,10 +56,7 @@ class Networked:
 
 @pytest.fixture
 def networked() -> Iterator[Networked]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    with own_server(listen_addresses="127.0.0.1", port=port) as server:
+    with own_server(listen_addresses="127.0.0.1", port=str(free_port())) as server:
         with (server.data / "pg_hba.conf").open("a") as rules:
             rules.write("\nhost conflictdb reader 127.0.0.1/32 scram-sha-256\n")
         with psycopg.connect(server.dsn, autocommit=True) as conn:

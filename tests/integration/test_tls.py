@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
@@ -16,6 +15,7 @@ from commands import STRAIT, STRAIT_CAME, runner
 from databases import server_directory
 from installations import local_server
 from patience import WAIT_S
+from ports import free_port
 
 from conflictdb.cli.codes import DONE, NO_SERVER
 from conflictdb.embedded.account import account_for
@@ -57,9 +57,7 @@ def secured() -> Iterator[tuple[Path, int]]:
     made = account.run([programs.bin / "initdb", "-D", data, "-U", "postgres", "-N"], programs.environ, WAIT_S)
     assert made.returncode == 0, made.stderr
     (data / "pg_hba.conf").write_text("hostssl all all 127.0.0.1/32 trust\nhostssl all all ::1/128 trust\n")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
+    port = free_port()
     settings = {"port": port, "ssl": "on", "ssl_cert_file": home / "server.crt", "ssl_key_file": home / "server.key"}
     settings |= {"unix_socket_directories": "", "listen_addresses": "localhost", "fsync": "off"}
     words = [word for name, value in settings.items() for word in ("-c", f"{name}={value}")]

@@ -15,6 +15,7 @@ import psycopg
 import pytest
 from commands import STRAIT, runner
 from patience import WAIT_S
+from ports import free_port
 from prometheus_client.parser import text_string_to_metric_families
 
 from conflictdb import connect, store
@@ -191,9 +192,7 @@ def test_the_option_is_an_address_of_this_machine_alone(
             1,
             "conflictdb: --http needs prometheus_client: pip install 'conflictdb[metrics]'\n",
         )
-    with socket.socket() as free:
-        free.bind((HERE, 0))
-        port = free.getsockname()[1]
+    port = free_port()
     worker = subprocess.Popen(
         [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", "--http", str(port)], stdout=subprocess.DEVNULL
     )
