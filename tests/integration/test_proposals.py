@@ -3,8 +3,8 @@
 import contextlib
 import json
 import threading
-import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import timedelta
 from typing import Any
@@ -16,6 +16,7 @@ import shapely
 from commands import STRAIT, runner
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
+from patience import WAIT_S, until, until_blocked
 from psycopg import conninfo, sql
 from verdicts import by_pair, compared
 
@@ -252,8 +253,7 @@ def test_two_sessions_apply_one_after_the_other(db: Database, scene: StoredScene
                 apply.__defaults__ = (other, outcome)
             waiting = threading.Thread(target=apply)
             waiting.start()
-            waiting.join(0.3)
-            assert waiting.is_alive()
+            until_blocked(db.connection, first)
             first.commit()
             waiting.join()
         assert message in outcome[0]
@@ -436,8 +436,7 @@ def test_edit_that_commits_during_apply_is_named(db: Database, scene: StoredScen
         editor.execute("UPDATE conflictdb.track SET floor_m = 7 WHERE key = %s", [key])
         waiting = threading.Thread(target=apply)
         waiting.start()
-        waiting.join(0.3)
-        assert waiting.is_alive()
+        until_blocked(db.connection, editor)
         editor.commit()
         paths = ask(db, PATHS)
         waiting.join()
@@ -532,10 +531,7 @@ def test_attached_row_that_is_edited_during_apply_is_named(db: Database, dsn: st
         editor.execute("UPDATE mission.fix SET at = at + interval '7 s' WHERE voyage = 'E' AND n = 2")
         waiting = threading.Thread(target=apply)
         waiting.start()
-        blocked = "SELECT pid FROM pg_stat_activity WHERE cardinality(pg_blocking_pids(pid)) > 0"
-        while not ask(db, blocked):
-            assert waiting.is_alive()
-            time.sleep(0.01)
+        until_blocked(db.connection, editor)
         editor.commit()
         fixes = ask(db, FIXES)
         waiting.join()
@@ -543,52 +539,66 @@ def test_attached_row_that_is_edited_during_apply_is_named(db: Database, dsn: st
     assert ask(db, FIXES) == fixes
 
 
+# At the step whose number its session has as a setting, a statement waits for the test.
+STEPS = """
+CREATE SEQUENCE public.step;
+CREATE FUNCTION public.stops() RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER AS $$
+BEGIN
+    IF nextval('public.step') = current_setting('test.stop', true)::bigint THEN
+        PERFORM pg_advisory_xact_lock(1);
+    END IF;
+    RETURN NEW;
+END $$;
+CREATE TRIGGER stops BEFORE UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.stops();
+CREATE TRIGGER stops_after AFTER UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.stops();
+CREATE TRIGGER stops BEFORE UPDATE ON conflictdb.proposal_move FOR EACH ROW EXECUTE FUNCTION public.stops();
+CREATE TRIGGER stops BEFORE UPDATE ON conflictdb.proposal FOR EACH ROW EXECUTE FUNCTION public.stops();
+"""
+
+
 @pytest.mark.parametrize("is_attached", [False, True], ids=["tracks", "attached"])
 def test_killed_at_any_step_moves_all_or_nothing(
     db: Database, dsn: str, request: pytest.FixtureRequest, is_attached: bool
 ) -> None:
-    """Sessions that are terminated while they apply or undo, row after row, leave one of two states."""
+    """Sessions that are terminated while they apply or undo, row after row, move nothing."""
     scene = voyages(db, dsn) if is_attached else request.getfixturevalue("scene")
     number = proposed(scene)
     table, rows = ("mission.fix", FIXES) if is_attached else ("conflictdb.track", PATHS)
     with db.connection.transaction():
-        db.connection.execute(
-            f"""CREATE FUNCTION public.slow() RETURNS trigger LANGUAGE plpgsql AS
-               $$ BEGIN PERFORM pg_sleep(0.02); RETURN NEW; END $$;
-               CREATE TRIGGER slow BEFORE UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.slow();
-               CREATE TRIGGER slow_after AFTER UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.slow();
-               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal_move FOR EACH ROW
-               EXECUTE FUNCTION public.slow();
-               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal FOR EACH ROW
-               EXECUTE FUNCTION public.slow()""".encode()
-        )
-    planned, ends = ask(db, rows), []
-    for question, before, after in (("apply", "open", "applied"), ("undo", "applied", "undone")):
-        states = [before]
-        at_first = ask(db, rows)
-        for step in range(16):
-            if states[-1] == after:
-                break
-            session = psycopg.connect(dsn, autocommit=True)
-
-            def change(session: psycopg.Connection[Any] = session, question: str = question) -> None:
-                with contextlib.suppress(psycopg.Error):
-                    session.execute(f"SELECT conflictdb.{question}_proposal(%s, true)".encode(), [number])
-
-            running = threading.Thread(target=change)
-            running.start()
-            running.join(0.015 * step)
-            ask(db, "SELECT pg_terminate_backend(%s)", session.info.backend_pid)
-            running.join()
-            session.close()
-            [(state,)] = ask(db, "SELECT state FROM conflictdb.proposals WHERE proposal_id = %s", number)
-            states.append(state)
-            assert (ask(db, rows) == at_first) == (state == before)
-        if states[-1] == before:
-            ask(db, f"SELECT conflictdb.{question}_proposal(%s, true)", number)
-        ends.append(states[1])
-    assert ends == ["open", "applied"]
+        db.connection.execute(STEPS.format(table=table).encode())
+    planned = ask(db, rows)
+    with psycopg.connect(dsn, autocommit=True) as keeper:
+        keeper.execute("SELECT pg_advisory_lock(1)")
+        for question, before, after in (("apply", "open", "applied"), ("undo", "applied", "undone")):
+            at_first, killed = ask(db, rows), 0
+            while step_is_killed(keeper, dsn, f"SELECT conflictdb.{question}_proposal({number}, true)", killed + 1):
+                assert ask(db, "SELECT state FROM conflictdb.proposals WHERE proposal_id = %s", number) == [(before,)]
+                assert ask(db, rows) == at_first
+                killed += 1
+            assert killed > 2
+            assert ask(db, "SELECT state FROM conflictdb.proposals WHERE proposal_id = %s", number) == [(after,)]
+            assert ask(db, rows) != at_first
     assert ask(db, rows) == planned
+
+
+def step_is_killed(keeper: psycopg.Connection[Any], dsn: str, statement: str, step: int) -> bool:
+    """Run a statement in a session that is terminated at a step; return whether it came to that step."""
+    keeper.execute("SELECT setval('public.step', 1, false)")
+    blocked = "SELECT %s = ANY (pg_blocking_pids(%s))"
+    with (
+        ThreadPoolExecutor(1) as thread,
+        contextlib.closing(psycopg.connect(dsn, autocommit=True, options=f"-c test.stop={step}")) as session,
+    ):
+        pids = [keeper.info.backend_pid, session.info.backend_pid]
+        running = thread.submit(session.execute, statement.encode())
+        until(lambda: running.done() or keeper.execute(blocked, pids).fetchone() == (True,))
+        if running.done():
+            running.result()
+            return False
+        keeper.execute("SELECT pg_terminate_backend(%s)", pids[1:])
+        with pytest.raises(psycopg.OperationalError):
+            running.result(WAIT_S)
+    return True
 
 
 def test_detours_are_applied_and_undone(db: Database, scene: StoredScene) -> None:

@@ -24,6 +24,17 @@ def until(reached: Callable[[], object], within_s: float = WAIT_S, what: str = "
     return time.monotonic() - start
 
 
+def until_blocked(watcher: psycopg.Connection[Any], by: psycopg.Connection[Any]) -> None:
+    """Wait until a session waits for a lock of another session, `by`; a third one watches."""
+    blocked = "SELECT FROM pg_locks WHERE NOT granted AND %s = ANY (pg_blocking_pids(pid))"
+
+    def waits() -> bool:
+        with watcher.transaction():
+            return watcher.execute(blocked, [by.info.backend_pid]).rowcount > 0
+
+    until(waits, what="no session waits")
+
+
 @contextmanager
 def killed_after(process: "subprocess.Popen[Any]", most_s: float) -> Iterator[None]:
     """Kill a program, whose output the body reads, if that takes longer: the reader then gets the end of it."""
