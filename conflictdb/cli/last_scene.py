@@ -1,5 +1,6 @@
 """Remember the scene that was last used in each database, in a file of the user's state directory."""
 
+import fcntl
 import json
 import os
 from contextlib import suppress
@@ -18,17 +19,19 @@ def recall(database: str) -> str | None:
 
 def remember(database: str, scene: str) -> None:
     """Store the scene last used in a database; does nothing where the directory cannot be written."""
-    known = _read()
-    if known.get(database) == scene:
+    if recall(database) == scene:
         return
-    known.pop(database, None)
-    latest = dict([*known.items(), (database, scene)][-_MOST:])
     with suppress(OSError, RuntimeError):
         path = _path()
-        new = path.with_name(f"{path.name}.{os.getpid()}")
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        new.write_text(json.dumps(latest, indent=1), encoding="utf-8")
-        new.replace(path)
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # another command, in another database, keeps its scene
+            known = _read()
+            known.pop(database, None)
+            latest = dict([*known.items(), (database, scene)][-_MOST:])
+            new = path.with_suffix(".new")
+            new.write_text(json.dumps(latest, indent=1), encoding="utf-8")
+            new.replace(path)
 
 
 def _path() -> Path:
