@@ -99,16 +99,16 @@ def test_an_interrupt_while_programs_are_asked_is_neither_lost_nor_said_twice(mo
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    def search_again_and_again() -> None:
+    def search_again_and_again(until_s: float) -> None:
+        signal.setitimer(signal.ITIMER_REAL, until_s)
         for _ in range(500):
             batch.searched(Work())
 
     before = signal.signal(signal.SIGALRM, interrupt)
     try:
         for k in range(30):
-            signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.0002 * k)
             with pytest.raises(KeyboardInterrupt):
-                search_again_and_again()
+                search_again_and_again(0.001 + 0.0002 * k)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
