@@ -12,6 +12,7 @@ import pytest
 from commands import Run
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
+from patience import WAIT_S
 
 from conflictdb import Area, Rule, Scene, Track, connect, solve, store
 from conflictdb.jobs import detect
@@ -379,7 +380,7 @@ def test_keys_too_long_for_a_notification_are_left_out(conn: Conn, dsn: str) -> 
         heard.execute("LISTEN conflictdb_alarm")
         put(conn, keys[0], 28, 18 / 60, 0)
         (pair,) = look(conn, 28)
-        told = [json.loads(one.payload) for one in heard.notifies(timeout=30, stop_after=1)]
+        told = [json.loads(one.payload) for one in heard.notifies(timeout=WAIT_S, stop_after=1)]
     assert pair == keys
     assert [(one["kind"], one["scene"], one["keys"]) for one in told] == [("begun", None, None)]
 

@@ -9,6 +9,7 @@ import time
 from collections import defaultdict
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from itertools import takewhile
 from typing import Any
 
 import psycopg
@@ -100,7 +101,9 @@ def test_killed_workers_lose_no_position_and_repeat_no_alarm(dsn: str, kills: in
             process.kill()
             process.join()
         alarms: dict[Any, list[tuple[str, int]]] = defaultdict(list)
-        for note in listener.notifies(timeout=1.0):
+        feed.execute("NOTIFY conflictdb_alarm, 'end'")  # comes after all others
+        feed.commit()
+        for note in takewhile(lambda one: one.payload != "end", listener.notifies(timeout=WAIT_S)):
             said = json.loads(note.payload)
             alarms[tuple(said["keys"])].append((said["kind"], said["alarm"]))
     for events in alarms.values():
