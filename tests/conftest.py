@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import psycopg
 import pytest
 from commands import Run, runner
-from databases import TestServer, clean_up, run_home, test_server
+from databases import TestServer, clean_up, run_home, shared_directory, test_server
 from forked_readers import forked_readers
 from reused import ReusedDatabase
 
@@ -45,7 +45,8 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("CONFLICTDB_SCENE", None)
     os.environ.pop("CONFLICTDB_TZ", None)
     os.environ["CONFLICTDB_HOME"] = str(run_home(config.stash[_RUN]))
-    os.environ["XDG_STATE_HOME"] = f"{run_home(config.stash[_RUN])}-state"
+    # A worker has a state of its own: commands remember the last scene there.
+    os.environ["XDG_STATE_HOME"] = f"{run_home(config.stash[_RUN])}-state/{_worker(config)}"
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -77,7 +78,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove leftovers of the run: the process that began it does, once its workers have ended."""
     if not _worker_input(config):
         clean_up(config.stash[_RUN])
-        shutil.rmtree(os.environ["XDG_STATE_HOME"], ignore_errors=True)
+        shutil.rmtree(shared_directory(), ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -158,7 +158,7 @@ def run(
     days: int, areas: int, say: Callable[[str], object] = lambda text: sys.stdout.write(f"{text}\n")
 ) -> dict[str, tuple[int, int]]:
     """Run the year; return the sizes of tables after a month and at the end, bytes."""
-    os.environ.setdefault("XDG_STATE_HOME", tempfile.mkdtemp())
+    os.environ.setdefault("XDG_STATE_HOME", f"{tempfile.mkdtemp()}/state")
     sizes: dict[str, list[int]] = {}
     with own_server(**_SERVER) as own, psycopg.connect(own.dsn, autocommit=True) as conn:
         conn.execute(_SETUP.encode())

@@ -376,7 +376,7 @@ def _libraries() -> list[Any]:
     """Return the loaded libraries of the kernel."""
     from conflictdb.kernel import build, library
 
-    paths = [build.library(), Path(os.environ.get("XDG_STATE_HOME", "."), "kernel", "internals.so")]
+    paths = [build.library(), Path(os.environ.get("XDG_STATE_HOME", ".")).parent / "kernel" / "internals.so"]
     library.library()
     return [ctypes.CDLL(str(path)) for path in paths if path.exists()]
 

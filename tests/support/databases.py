@@ -23,6 +23,7 @@ from typing import Any, LiteralString
 
 import psycopg
 import pytest
+from patience import WAIT_S
 from psycopg import conninfo, sql
 
 from conflictdb import embedded as server
@@ -58,9 +59,20 @@ class TestServer:
         return conninfo.make_conninfo(self.dsn, dbname=name)
 
     def execute(self, statement: LiteralString, *names: str) -> None:
-        """Run a statement that cannot run in a transaction, with names in place of its braces."""
+        """Run a statement that cannot run in a transaction, with names in place of its braces.
+
+        The server waits five seconds until sessions of a database have ended, which may be too short on a busy machine.
+        """
+        end = time.monotonic() + WAIT_S
         with psycopg.connect(self.dsn, autocommit=True) as conn:
-            conn.execute(sql.SQL(statement).format(*map(sql.Identifier, names)))
+            while True:
+                try:
+                    conn.execute(sql.SQL(statement).format(*map(sql.Identifier, names)))
+                except psycopg.errors.ObjectInUse:
+                    if time.monotonic() > end:
+                        raise
+                else:
+                    return
 
     def template(self, fill: Callable[[str], object]) -> str:
         """Return the name of the run's template database; the first worker that asks makes and fills it."""
@@ -131,6 +143,11 @@ test_server.__test__ = False  # type: ignore[attr-defined]
 def run_home(run: str) -> Path:
     """Return the home of the embedded server of a test run; short, and open to the account that serves root."""
     return server_directory() / f"conflictdb-tests-{run}"
+
+
+def shared_directory() -> Path:
+    """Return the directory of files that all workers of a run share; it is removed at the end of the run."""
+    return Path(os.environ["XDG_STATE_HOME"]).parent
 
 
 def server_directory() -> Path:

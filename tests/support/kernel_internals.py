@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from databases import shared_directory
 
 from conflictdb.kernel import build
 
@@ -21,7 +22,7 @@ def _built(name: str, *given: object) -> Path:
 
     Raises subprocess.CalledProcessError with the compiler's messages.
     """
-    folder = Path(os.environ["XDG_STATE_HOME"], "kernel")
+    folder = shared_directory() / "kernel"
     folder.mkdir(parents=True, exist_ok=True)
     made, part = folder / f"{name}.so", folder / f"{name}.part"
     with (folder / f"{name}.lock").open("w") as lock:

@@ -1,7 +1,6 @@
 """A server of a test's own, which may be killed: a backend that ends by force ends all sessions of its server."""
 
 import fcntl
-import os
 import shutil
 import signal
 import subprocess
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import psycopg
-from databases import server_directory
+from databases import server_directory, shared_directory
 from patience import WAIT_S
 
 from conflictdb import embedded as server
@@ -87,7 +86,7 @@ def _await(condition: Any) -> None:
 @cache
 def _initialised() -> Path:
     """Return a home to copy, with the schema: to make one takes seconds. The first worker of a run makes it."""
-    folder = Path(os.environ["XDG_STATE_HOME"], "own_server")  # removed at the end of the run
+    folder = shared_directory() / "own_server"
     folder.mkdir(parents=True, exist_ok=True)
     for path in (folder, folder.parent):
         path.chmod(0o755)
