@@ -59,6 +59,8 @@ def initial(*, durable: bool) -> str:
         lines += ["full_page_writes = off", "synchronous_commit = off"]
         # Thousands of short sessions: each would load PostGIS, which takes it 12 ms.
         lines += ["shared_preload_libraries = 'postgis-3'"]
+        # An upgrade takes 2,200 locks, and a usual server has 7,000: workers of a test run upgrade at once.
+        lines += ["max_locks_per_transaction = 512"]
     return "\n".join(lines) + "\n"
 
 
