@@ -3,6 +3,8 @@
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -116,7 +118,16 @@ def test_commands_say_for_whom_they_wait_and_take_a_limit(
     monkeypatch.setattr(locking, "SAY_AFTER_S", 0.1)
     begin(other, scene_id)
     run = runner(dsn, capsys)
-    done = run("detect", "--scene", "s", "--jobs", "1", "--lock-timeout", "2s")
+    clock_s, looks, holder = [0.0], count(), locking._holder
+
+    def looked(*arguments: Any) -> str:
+        clock_s[0] = 2.0 * next(looks)  # the limit is reached at the second look
+        return holder(*arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(locking, "time", SimpleNamespace(monotonic=lambda: clock_s[0]))
+        patched.setattr(locking, "_holder", looked)
+        done = run("detect", "--scene", "s", "--jobs", "1", "--lock-timeout", "2s")
     said, failed = done.err.splitlines()
     assert done.code == FAILED
     assert said.startswith(f"conflictdb: waiting for another detection of scene 's': process {other.info.backend_pid} ")

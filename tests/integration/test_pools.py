@@ -1,5 +1,6 @@
 """A connection that a pool lends for each request is checked once, and again when its schema may be another one."""
 
+import math
 from typing import Any
 
 import psycopg
@@ -53,6 +54,7 @@ def test_a_pool_checks_each_connection_once(dsn: str, round_trips: list[int]) ->
 
 def test_a_schema_that_changes_is_noticed(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the first call of a routine that it lacks, by an upgrade in this process, and after a minute."""
+    monkeypatch.setattr(fit_connections, "FIT_FOR_S", math.inf)
     with ConnectionPool(dsn, min_size=1, max_size=1) as pool, psycopg.connect(dsn, autocommit=True) as admin:
         (newest,) = admin.execute("SELECT version_num FROM conflictdb.alembic_version").fetchone() or ()
 

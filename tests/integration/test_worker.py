@@ -316,7 +316,7 @@ def test_a_worker_passes_over_what_another_detects(dsn: str) -> None:
         one = worker(dsn, reports, say=said.append, busy_s=0.05, say_after_s=0.1)
         thread = threading.Thread(target=one.once)
         thread.start()
-        until(lambda: bool(said))
+        until(lambda: bool(said and reports))
         assert [scene for scene, _ in reports] == ["second"]
         other.rollback()
         thread.join(WAIT_S)
