@@ -18,7 +18,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from patience import WAIT_S, until
+from patience import WAIT_S, patient_command, until
 
 from conflictdb import store
 from conflictdb.jobs.detect import detect
@@ -53,7 +53,7 @@ def load(dsn: str, method: Method, area_count: int, track_count: int) -> None:
 def detection(dsn: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
     """Run the command with two solving threads; kill its remaining processes at the end."""
     heeded = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored, and inherited
-    program = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "detect", "--scene", "s", "--jobs", "2", *options]
+    program = patient_command("--dsn", dsn, "detect", "--scene", "s", "--jobs", "2", *options)
     try:
         process = subprocess.Popen(
             program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True

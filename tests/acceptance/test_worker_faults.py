@@ -9,7 +9,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +25,7 @@ import shapely
 from layouts import LOW_LATITUDE
 from mixed_scenes import plain_scene
 from own_server import OwnServer, own_server
-from patience import WAIT_S
+from patience import WAIT_S, patient_command
 from psycopg.conninfo import make_conninfo
 from verdicts import by_pair, solved
 
@@ -64,9 +63,7 @@ class Site:
     def start_worker(self) -> None:
         words = ["--dsn", self.server.dsn, "worker", "--jobs", "1", "--every", "2s"]
         with self.log.open("ab") as log:
-            self.workers.append(
-                subprocess.Popen([sys.executable, "-m", "conflictdb", *words], stdout=log, stderr=subprocess.STDOUT)
-            )
+            self.workers.append(subprocess.Popen(patient_command(*words), stdout=log, stderr=subprocess.STDOUT))
 
     def replace_worker(self) -> None:
         """Start a worker when the backend of the former worker is gone, and wait until it is connected."""

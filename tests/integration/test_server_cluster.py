@@ -22,7 +22,7 @@ import psycopg
 import pytest
 from commands import STRAIT
 from databases import server_directory
-from patience import WAIT_S, killed_after
+from patience import WAIT_S, killed_after, patient_command
 
 from conflictdb import connect
 from conflictdb import embedded as server
@@ -347,7 +347,7 @@ def test_interrupted_initialisation_is_repeated(home: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_stopped_while_initialising_leaves_nothing_broken(new_home: Path, number: signal.Signals) -> None:
     """An interrupt ends initdb too; after kill -9 the next user waits until initdb is done, and goes on from there."""
-    command = [sys.executable, "-m", "conflictdb", "status"]
+    command = patient_command("status")
     heeded = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(
         command, env={**os.environ, "CONFLICTDB_HOME": str(new_home)}, stderr=subprocess.PIPE, text=True

@@ -15,7 +15,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
-from patience import WAIT_S, killed_after, until
+from patience import WAIT_S, killed_after, patient_command, until
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect, store
@@ -38,7 +38,7 @@ def pending(dsn: str) -> dict[str, int]:
 @contextmanager
 def program(dsn: str, *words: str) -> Iterator["subprocess.Popen[str]"]:
     worker = subprocess.Popen(
-        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", *words],
+        patient_command("--dsn", dsn, "worker", *words),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -14,7 +14,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
-from patience import WAIT_S
+from patience import WAIT_S, patient_command
 from ports import free_port
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -193,9 +193,7 @@ def test_the_option_is_an_address_of_this_machine_alone(
             "conflictdb: --http needs prometheus_client: pip install 'conflictdb[metrics]'\n",
         )
     port = free_port()
-    worker = subprocess.Popen(
-        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", "--http", str(port)], stdout=subprocess.DEVNULL
-    )
+    worker = subprocess.Popen(patient_command("--dsn", dsn, "worker", "--http", str(port)), stdout=subprocess.DEVNULL)
     try:
         end = time.monotonic() + WAIT_S
         while time.monotonic() < end:

@@ -1,6 +1,7 @@
 """Waits of tests, with a limit that no machine reaches which is only slow or busy."""
 
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,19 @@ from conflictdb.jobs import probes
 
 # Far longer than what is waited for takes. A test that asserts less depends on the machine.
 WAIT_S = 180.0
+
+# The command, which has longer to clean up at SIGTERM than the four seconds after which it is ended.
+_PATIENT = f"""
+import sys
+from conflictdb.cli import main, termination
+termination._GRACE_S = {WAIT_S}
+sys.exit(main())
+"""
+
+
+def patient_command(*words: str) -> list[str]:
+    """Return the words of a program that is the command `conflictdb`, for tests that end it."""
+    return [sys.executable, "-c", _PATIENT, *words]
 
 
 def until(reached: Callable[[], object], within_s: float = WAIT_S, what: str = "waited too long") -> float:
