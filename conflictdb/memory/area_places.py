@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from conflictdb.core.moving_plans import moved
 from conflictdb.errors import InvalidInput
+from conflictdb.memory import questions
 from conflictdb.memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.margin import Margin
@@ -67,12 +68,14 @@ def places(
     bearings_deg : degrees clockwise from north; None: eight of them
     margin_s, margin_m : wanted on top of the required separations in time and in distance
 
-    Raises InvalidInput for a key that is not of an area, and for limits that are none.
+    Raises InvalidInput for a key that is not of an area, for an area or any other object that does not fit the plane,
+    and for limits that are none.
     """
     most_m, bearings_deg = checked("places", most_m, bearings_deg)
     margin = Margin.of("places", margin_s, margin_m)
-    scene = replace(margin.added_to(scene), method=Method.EXACT, nearest_m=0.0)
-    plans: list[Area | Track] = [*areas, *tracks]
+    world, known, others = questions.world_of("places", tracks, areas, margin.added_to(scene))
+    scene = replace(world.setup.scene, method=Method.EXACT, nearest_m=0.0)
+    plans: list[Area | Track] = [*others, *known]
     area = next((one for one in plans if isinstance(one, Area) and one.key == key), None)
     if area is None:
         problem = (
@@ -94,23 +97,22 @@ def nearest_place(index: Index, scene: Scene, area: Area, most_m: float, ends: f
         for bearing in BEARINGS_DEG:
             if time.monotonic() > ends:
                 return None
-            if _met(index, scene, area, k * step_m, bearing) == ():
+            if _met_at(index, scene, area, k * step_m, bearing) == ():
                 return NewPlace(k * step_m, bearing)
     return None
 
 
 def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float) -> FreePlace:
     step_m, count = _steps(most_m)
-    met = _met(index, scene, area, 0.0, bearing)
+    met = farthest = _met(index, area)
     if not met:
         return FreePlace(bearing, 0.0, ())
-    farthest = met
     for k in range(1, count + 1):
-        there = _met(index, scene, area, k * step_m, bearing)
+        there = _met_at(index, scene, area, k * step_m, bearing)
         if there == ():
-            return FreePlace(bearing, k * step_m, met or ())
+            return FreePlace(bearing, k * step_m, met)
         farthest = there or farthest
-    return FreePlace(bearing, None, farthest or ())
+    return FreePlace(bearing, None, farthest)
 
 
 def _steps(most_m: float) -> tuple[float, int]:
@@ -119,12 +121,15 @@ def _steps(most_m: float) -> tuple[float, int]:
     return step_m, int(most_m / step_m * (1.0 + 1e-12))
 
 
-def _met(index: Index, scene: Scene, area: Area, distance_m: float, bearing: float) -> tuple[str, ...] | None:
+def _met_at(index: Index, scene: Scene, area: Area, distance_m: float, bearing: float) -> tuple[str, ...] | None:
     """Return the keys of what a moved copy meets; None if it cannot be there, beyond a pole or the plane."""
     try:
-        copy = moved(area, distance_m, bearing, scene) if distance_m else area
-        found = index.probe(copy)
+        return _met(index, moved(area, distance_m, bearing, scene))
     except InvalidInput:
         return None
-    keys = {one.b_key if one.a_key == area.key else one.a_key for one in found}
+
+
+def _met(index: Index, plan: Area | Track) -> tuple[str, ...]:
+    """Return the keys of what a plan meets. Raises InvalidInput if it does not fit the plane."""
+    keys = {one.b_key if one.a_key == plan.key else one.a_key for one in index.probe(plan)}
     return tuple(sorted(keys, key=str.encode))
