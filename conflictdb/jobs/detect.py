@@ -221,12 +221,14 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
         )
         is_current = True
         if hand is not None:
-            work = partial(_store_hand, conn, scene, begun, hand, setup, record, options, full)
-            storing = Storing(conn, work)
+            storing = Storing(conn, partial(_store_hand, conn, scene, begun, hand, setup, record, options, full))
             in_hand = InHand(conn, scene_id, options.memory, hand, storing, Separations.of(setup.scene))
             del hand
-            with suppress(Outdated):
+            try:
                 return _refresh_conflicts(conn, in_hand.staged, in_hand, setup, record, options, started)
+            except Outdated as outdated:
+                # The error of the thread stays with the connection: its frames have the pieces.
+                outdated.with_traceback(None)
             del in_hand
             is_current = False
         elif is_first:

@@ -104,7 +104,7 @@ def in_the_hand(
         order = store.order_of_all(conn, scene_id, len(key))
         assert order is not None
         hand = Hand.of(bundles_of(pieces_of(Setup.of(settings), *batches)), order)
-        storing = Storing(conn, lambda _: cast(store.Staged, None))
+        storing = Storing(conn, lambda _: cast(store.Staged, object()))
         yield Opened(InHand(conn, scene_id, memory, hand, storing, Separations.of(settings)), settings, key)
         conn.rollback()
 

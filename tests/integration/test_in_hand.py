@@ -1,5 +1,7 @@
 """A detection of all objects solves from the pieces in hand: the same answer, nothing half stored, nothing outdated."""
 
+import gc
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -169,6 +171,40 @@ def test_a_failure_of_either_side_leaves_everything_as_it_was(
     assert len(rows(conn)) < len(before)
     again = detect.detect(conn, name, jobs=1, full=True)
     assert (again.opened, again.changed, again.closed) == (0, 0, 0)
+
+
+def test_outdated_pieces_are_freed_before_they_are_cut_again(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The memory is planned for one set of pieces; also the error that ends the first attempt has none."""
+    name = load(conn, sea_of(300))
+    begin, refresh, of = store.begin_locked, detect.refresh_pieces, in_hand.Hand.of
+    held: list[weakref.ref[Any]] = []
+    freed: list[bool] = []
+
+    def begin_late(*arguments: Any) -> int:
+        other.execute("UPDATE conflictdb.scene SET separation_m = 5000")
+        return begin(*arguments)
+
+    def hand_of(*arguments: Any) -> in_hand.Hand:
+        hand = of(*arguments)
+        held.extend(map(weakref.ref, (hand.place, hand.bundles.offset)))
+        return hand
+
+    def refresh_again(*arguments: Any, **named: Any) -> Any:
+        freed.extend(ref() is None for ref in held)
+        return refresh(*arguments, **named)
+
+    monkeypatch.setattr(store, "begin_locked", begin_late)
+    monkeypatch.setattr(in_hand.Hand, "of", hand_of)
+    monkeypatch.setattr(detect, "refresh_pieces", refresh_again)
+    gc.collect()
+    gc.disable()
+    try:
+        detect.detect(conn, name, jobs=1)
+    finally:
+        gc.enable()
+    assert freed == [True, True]
 
 
 def test_a_stopped_thread_stores_no_further_block() -> None:
