@@ -47,7 +47,7 @@ def follow(
     met = {pair: row for pair, row in met.items() if row.verdict != _PLANNED or pair in former}
     plans = _plans(conn, scene_id, settings, {key for row in met.values() for key in (row.key, row.other_key)})
     found |= _alarms(settings, plans, met, None, now_us)
-    off = [key for key, state in states.items() if state.state == OFF]
+    off = {key for key, state in states.items() if state.state == OFF}
     if off:
         plans, reached, lost = around(conn, scene_id, settings, off, now_us)
         found |= {(key, ""): store.Alarm("may", _OFF) for key in lost}

@@ -4,12 +4,14 @@ The discs are compared with the plans near them, each as late as its track is kn
 tracks that are off. All discs of a look are compared at once, in a constant number of statements.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 import psycopg
+import shapely
 from numpy.typing import NDArray
 
 from conflictdb import store
@@ -19,7 +21,7 @@ from conflictdb.core.delays import Differences, differences_of
 from conflictdb.core.members import Members
 from conflictdb.core.near import Memory
 from conflictdb.core.world import World
-from conflictdb.earth.geodesy import great_circle_distance
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, great_circle_distance
 from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.jobs.members_near import members
@@ -27,13 +29,16 @@ from conflictdb.model.plans import MAX_GROWTH_MPS, Scene, Track
 from conflictdb.model.results import Kind
 
 _Ints = NDArray[np.int64]
+_Floats = NDArray[np.float64]
 _CORNERS: Final = 16
 # Distances on the sphere differ by less from those on the ellipsoid.
 _SPHERE: Final = 1.01
+# Tracks whose neighbours are looked up at once: their pairs fit into memory.
+_AT_ONCE: Final = 1_000
 
 
 def around(
-    conn: psycopg.Connection[Any], scene_id: int, settings: Scene, off: Collection[str], now_us: int
+    conn: psycopg.Connection[Any], scene_id: int, settings: Scene, off: AbstractSet[str], now_us: int
 ) -> tuple[Members, list[store.Following], list[str]]:
     """Return what tracks that are off may meet until they are silent, by keys of a scene; their states are stored.
 
@@ -109,13 +114,13 @@ def _following(plans: Members, found: Differences, low_us: _Ints, high_us: _Ints
     middle = -(low_us[other] + high_us[other]) // 2
     by = np.minimum(np.maximum(middle, least), most)
     order = np.lexsort((abs(by - middle), other, track))
-    first = np.ones(len(order), np.bool_)
-    first[1:] = (np.diff(track[order]) != 0) | (np.diff(other[order]) != 0)
+    is_first = np.ones(len(order), np.bool_)
+    is_first[1:] = (np.diff(track[order]) != 0) | (np.diff(other[order]) != 0)
     each = plans.each
     pairs = []
-    for k in order[first].tolist():
+    for rows in np.split(order, np.flatnonzero(is_first)[1:]) if len(order) else []:
+        k = rows[0]
         a, b = int(track[k]), int(other[k])
-        rows = (track == a) & (other == b)
         ends = np.unique([least[rows], most[rows]]).tolist()
         late = (0, 0, int(low_us[b]), int(high_us[b]))
         pairs.append(store.Following(each[a].key, each[b].key, each[b].kind.code, "may", 0, int(by[k]), ends, *late))
@@ -128,13 +133,36 @@ def _within_reach(
     """Return which of some tracks that are off may meet one of others, by their places and reaches."""
     if not mine or not others:
         return []
-    (lon, lat, reach), (other_lon, other_lat, other_reach) = (
-        np.array([(one.lon, one.lat, one.error_m + one.fastest_mps * _ages_s(one, until_us)) for one in some]).T
+    (lon, lat, reach_m), (other_lon, other_lat, other_reach_m) = (
+        np.array(
+            [
+                ((one.lon + 180.0) % 360.0 - 180.0, one.lat, one.error_m + one.fastest_mps * _ages_s(one, until_us))
+                for one in some
+            ]
+        ).T
         for some in (mine, others)
     )
-    away_m = great_circle_distance(lon[:, None], lat[:, None], other_lon, other_lat)
-    apart_m = reach[:, None] + other_reach + scene.largest_separation_m + scene.reach_m
-    return np.flatnonzero((away_m <= _SPHERE * apart_m).any(axis=0)).tolist()
+    reach_m += scene.largest_separation_m + scene.reach_m
+    # Each contains the places that are reached: those of two that meet have one in common.
+    boxes = np.concatenate([_box(lon + turn, lat, reach_m) for turn in (-360.0, 0.0, 360.0)])
+    tree, others_boxes = shapely.STRtree(boxes), _box(other_lon, other_lat, other_reach_m)
+    found: list[int] = []
+    for start in range(0, len(others), _AT_ONCE):
+        one, near = tree.query(others_boxes[start : start + _AT_ONCE])
+        one, near = one + start, near % len(mine)
+        away_m = great_circle_distance(lon[near], lat[near], other_lon[one], other_lat[one])
+        found += np.unique(one[away_m <= _SPHERE * (reach_m[near] + other_reach_m[one])]).tolist()
+    return found
+
+
+def _box(lon: _Floats, lat: _Floats, reach_m: _Floats) -> NDArray[np.object_]:
+    """Return boxes (n,) in degrees that contain all places within a reach of each place, on the sphere."""
+    angle = _SPHERE * reach_m / MEAN_RADIUS_M
+    north, south = np.minimum(lat + np.degrees(angle), 90.0), np.maximum(lat - np.degrees(angle), -90.0)
+    is_polar = (north >= 90.0) | (south <= -90.0)
+    sine = np.sin(np.where(is_polar, 0.0, angle)) / np.cos(np.radians(np.where(is_polar, 0.0, lat)))
+    wide = np.where(is_polar, 360.0, np.degrees(np.arcsin(np.minimum(sine, 1.0))))
+    return np.asarray(shapely.box(lon - wide, south, lon + wide, north))
 
 
 def _ages_s(one: store.Straying, until_us: int) -> float:
