@@ -63,6 +63,19 @@ def test_a_late_ship_has_its_alarm_on_top_and_its_place_on_the_map(dsn: str, ser
         return havens.context.getImageData(Math.round(x * ratio), Math.round(y * ratio), 1, 1).data[3];
     })()"""
     assert page.evaluate(marked) > 200
+    # Where the ship was planned then is found once, however often the map is drawn.
+    asked = """(() => {
+        const {havens} = conflictdbPage, {places} = havens, {t} = [...havens.live.values()][0];
+        let asked = 0;
+        havens.t = t + 1;
+        havens.places = (tracks, at, pixel) => { asked += at === t; return places.call(havens, tracks, at, pixel); };
+        for (let k = 0; k < 5; k += 1) havens.draw();
+        havens.take(havens.tracks, havens.areas);
+        for (let k = 0; k < 5; k += 1) havens.draw();
+        havens.places = places;
+        return asked;
+    })()"""
+    assert page.evaluate(asked) == 1, "once more for another plan"
     page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
     assert page.evaluate("axe.run(document.getElementById('live'), {resultTypes: ['violations']})")["violations"] == []
     alarms.nth(1).click()

@@ -42,6 +42,7 @@ export class Havens {
     this.focus = null; // of the pair that is chosen (focus.js)
     this.isStill = false; // while it is printed
     this.live = new Map(); // how tracks keep their plans, by key (live.js)
+    this.planned = new WeakMap(); // { t, place } of a track (plannedPlace)
     this.marks = { hidden: new Set(), inConflict: new Set(), pair: [], isChosen: false };
     view.map.on("render", () => this.draw());
   }
@@ -82,6 +83,15 @@ export class Havens {
     const exact = bent.length ? bent[0][0].ground.places(bent.map(([motion]) => [motion, t])) : [];
     exact.forEach((known, n) => { if (known) [bent[n][1][0], bent[n][1][1]] = [mercatorX(known[0]), mercatorY(known[1])]; });
     return found;
+  }
+
+  // Where a track was planned at its last position; null: nowhere. Found once for each position and plan.
+  plannedPlace(track, t) {
+    const known = this.planned.get(track);
+    if (known?.t === t) return known.place;
+    const place = this.places([track], t, 0)[0]?.[1] ?? null;
+    this.planned.set(track, { t, place });
+    return place;
   }
 
   resize(width, height) {
@@ -141,9 +151,9 @@ export class Havens {
       if (!(x > -SHIP_PX && y > -SHIP_PX && x < frame.width + SHIP_PX && y < frame.height + SHIP_PX)) continue;
       context.strokeStyle = context.fillStyle = colour(ship.state === "on plan" ? "haven" : "conflict-ink");
       context.lineWidth = 1.5;
-      const [planned] = this.places([track], ship.t, 1 / frame.size);
+      const planned = this.plannedPlace(track, ship.t);
       if (planned) {
-        const [px, py] = across(planned[1]);
+        const [px, py] = across(planned);
         context.setLineDash([2, 3]);
         context.beginPath();
         context.moveTo(x, y);
