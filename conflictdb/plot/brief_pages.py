@@ -84,14 +84,18 @@ def _when(brief: Brief, now: datetime) -> Section:
     """Return where and when the plan is."""
     plan, place = brief.plan, brief.units.place
     if isinstance(plan, Area):
-        coming = [span for span in brief.activations if span[1] is None or span[1] > now] or brief.activations
-        rows = [_period(brief, *span).split("\n") for span in coming[:_MOST_TIMES]]
+        coming = [span for span in brief.activations if span[1] is None or span[1] > now]
+        shown = coming or brief.activations[-_MOST_TIMES:]
+        rows = [_period(brief, *span).split("\n") for span in shown[:_MOST_TIMES]]
+        columns = max(map(len, rows), default=0)
         parts = [shapely.get_coordinates(part.exterior)[:-1].tolist() for part in shapely.get_parts(plan.footprint)]
         corners = [place(lon, lat) for part in parts for lon, lat in part]
         text = f"Corners: {'; '.join(corners[:_MOST_PLACES])}{_more(corners, _MOST_PLACES)}."
         text += f" The next {_MOST_TIMES} of {len(coming):,} times." if len(coming) > _MOST_TIMES else ""
+        text += " All its times are over." if rows and not coming else ""
         text += "" if rows else " It has no times: its schedule has none, or is not understood."
-        return Section("Where and when", text, ["Active", "in UTC"][: max(map(len, rows), default=0)], rows)
+        rows = [[*row, ""][:columns] for row in rows]
+        return Section("Where and when", text, ["Active", "in UTC"][:columns], rows)
     places = plan.positions_deg.tolist()
     rows = [
         [str(n), place(*where), *_instant(brief, int(at)).split("\n")]
@@ -186,8 +190,13 @@ def _alone(brief: Brief) -> Iterator[list[str]]:
             begins = _line(_instant(brief, (found.departs_at - EPOCH) // MICROSECOND + delay_us))
             way = f"{begins} ({way})"
         ways.append(way)
-    most = duration_text(max(found.latest_s, -found.earliest_s))
-    yield ["Alone", f"It begins at {' or at '.join(ways)}" if ways else f"No delay within {most} clears it alone"]
+    if ways:
+        text = f"It begins at {' or at '.join(ways)}" if found.departs_at else f"All its times are {' or '.join(ways)}"
+    elif isinstance(brief.plan, Area) and brief.plan.schedule is None and spans_of(brief.plan) == ((None, None),):
+        text = "It is always active: no other time clears it"
+    else:
+        text = f"No delay within {duration_text(max(found.latest_s, -found.earliest_s))} clears it alone"
+    yield ["Alone", text]
 
 
 def _departs_us(plan: Area | Track) -> int | None:
@@ -202,10 +211,8 @@ def _instant(brief: Brief, at_us: int | None, *, up: bool = False) -> str:
     return _moment(brief, EPOCH + at_us * MICROSECOND, up=up)
 
 
-def _moment(brief: Brief, moment: datetime | None, *, up: bool) -> str:
+def _moment(brief: Brief, moment: datetime, *, up: bool) -> str:
     """Return a moment in the zone, and below it in UTC, if that is another time; to the second, rounded up or down."""
-    if moment is None:
-        return "no limit"
     moment = whole_second(moment, up=up)
     utc = f"{moment.astimezone(UTC).replace(tzinfo=None).isoformat(' ')} UTC"
     local = moment.astimezone(brief.zone)
@@ -220,7 +227,13 @@ def _line(moment: str) -> str:
 
 
 def _period(brief: Brief, start: datetime | None, end: datetime | None) -> str:
-    """Return a period in the zone and in UTC."""
+    """Return a period in the zone and, if that is another time, in UTC on a line of its own."""
+    if start is None:
+        if end is None:
+            return "always"
+        return "\n".join(f"until {one}" for one in _moment(brief, end, up=True).split("\n"))
+    if end is None:
+        return "\n".join(f"from {one} on" for one in _moment(brief, start, up=False).split("\n"))
     begins, ends = _moment(brief, start, up=False).split("\n"), _moment(brief, end, up=True).split("\n")
     if len(begins) != len(ends):
         return f"{' = '.join(begins)} to {' = '.join(ends)}"
