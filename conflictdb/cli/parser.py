@@ -89,6 +89,8 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the namespace, and unknown arguments."""
         if not self.hands_on or args in (["-h"], ["--help"]):
+            if args is not None:
+                args = self._with_positionals_first(list(args))
             namespace, unknown = super().parse_known_args(args, namespace)
             if unknown:  # report it here, where the command's options are known
                 self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(unknown[0].partition('=')[0])}")
@@ -96,6 +98,35 @@ class Parser(argparse.ArgumentParser):
         namespace, _ = super().parse_known_args([], namespace)
         namespace.arguments = args
         return namespace, []
+
+    def _with_positionals_first(self, args: list[str]) -> list[str]:
+        """Return the arguments of a command with its positional ones first: options may stand between these.
+
+        The library fills all positional arguments from those before the first option.
+        """
+        if "--" in args or any(isinstance(one, argparse._SubParsersAction) for one in self._actions):
+            return args
+        known, first, others = self._option_string_actions, list[str](), list[str]()
+        rest = list(args)
+        while rest:
+            one = rest.pop(0)
+            if not self._is_option(one):
+                first.append(one)
+                continue
+            name, equals, _ = one.partition("=")
+            if name not in known:
+                return args
+            others.append(one)
+            takes = known[name].nargs
+            most = takes if isinstance(takes, int) else 1 if takes in (None, "?") else len(rest)
+            for _ in range(0 if equals else most):
+                if not rest or self._is_option(rest[0]):
+                    break
+                others.append(rest.pop(0))
+        return first + others
+
+    def _is_option(self, word: str) -> bool:
+        return len(word) > 1 and word[0] == "-" and " " not in word and not self._negative_number_matcher.match(word)
 
     def _meant(self, option: str) -> str:
         """Return a hint for an unknown option: it resembles another one, or goes before the command; may be empty."""

@@ -52,6 +52,26 @@ def test_every_command_runs_a_function(path: str) -> None:
     assert callable(getattr(import_module(f"conflictdb.cli.{target['module']}"), target["function"]))
 
 
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("report KEY --scene S x.pdf", {"key": "KEY", "file": Path("x.pdf"), "scene": "S"}),
+        ("report --tz UTC KEY x.pdf", {"key": "KEY", "file": Path("x.pdf")}),
+        ("report --scene=S x.pdf", {"key": None, "file": Path("x.pdf"), "scene": "S"}),
+        ("rename OLD --scene S NEW", {"key": "OLD", "new": "NEW"}),
+        ("explain A --scene S B", {"keys": ["A", "B"]}),
+        ("branch create --scene S NEW", {"action": "create", "branch": "NEW"}),
+        ("load a.geojson --scene S b.geojson", {"files": ["a.geojson", "b.geojson"]}),
+        ("resolve A --within 1h B --movable C D", {"keys": ["A", "B"], "movable": ["C", "D"]}),
+        ("probe a.json --move K -20m 270 b.json", {"files": ["a.json", "b.json"], "move": [["K", "-20m", "270"]]}),
+        ("delete --scene S -- -KEY", {"keys": ["-KEY"], "scene": "S"}),
+    ],
+)
+def test_options_may_stand_between_keys_and_files(line: str, found: dict[str, Any]) -> None:
+    args = vars(build().parse_args(line.split()))
+    assert {name: args[name] for name in found} == found
+
+
 def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         build().parse_args(["detect", "--scene", "s", "--method", "exakt"])
