@@ -52,7 +52,11 @@ def delays(args: argparse.Namespace) -> int:
             best=args.best,
         )
         margins = {"margin_s": margin_s, "margin_m": margin_m}
-        places = None if args.aside is None else stored.places(args.key, args.aside, args.bearing, **margins)
+        places = (
+            None
+            if args.aside is None
+            else stored.places(args.key, args.aside, args.bearing, **margins, units=chosen_units())
+        )
         met = () if places is None else (key for place in places for key in place.meets)
         names = {} if args.format == "json" else stored.names(*_keys(found), *met)
     if args.format == "json":
@@ -75,12 +79,12 @@ def delays(args: argparse.Namespace) -> int:
 def _places_text(places: "Sequence[FreePlace]", aside_m: float, names: Mapping[str, str], margin: Margin) -> str:
     """Return where an area could be instead, the nearest first."""
     units = chosen_units()
-    far = units.distance(aside_m)
+    far = units.least_distance(aside_m)
     if any(one.distance_m == 0.0 for one in places):
         return f"it meets nothing where it is ({margin.text()})"
     rows = []
     for one in sorted(places, key=lambda each: (each.distance_m is None, each.distance_m or 0.0)):
-        free = f"none within {far}" if one.distance_m is None else units.distance(one.distance_m)
+        free = f"none within {far}" if one.distance_m is None else units.exact_distance(one.distance_m)
         rows.append([f"{one.bearing_deg % 360.0:03.0f}°", free, labels(names, one.meets)])
     header = ["BEARING", "FREE FROM", "CLEARS, OR STILL MEETS"]
     return "\n".join([table(header, rows), "", margin.text()])

@@ -185,7 +185,7 @@ def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", 
 
 
 def _alarm_text(alarm: "LiveConflict", states: "Mapping[str, LiveTrack]", shown: Shown) -> str:
-    """Return an alarm as a sentence, such as: FERRY +12 to +13 min late: meets TOW at 09:58:20 (slack used up)."""
+    """Return an alarm as a sentence, such as: FERRY 12 to 13 min late: meets TOW at 09:58:20 (slack used up)."""
     first = _named(alarm.key, states)
     if alarm.other_key is None:
         return f"{first}: may meet anything near ({alarm.reason})"
@@ -202,15 +202,41 @@ def _named(key: str, states: "Mapping[str, LiveTrack]") -> str:
     one = states.get(key)
     if one is None or one.state == "on plan":
         return key
-    return " ".join(filter(None, (key, _lateness(one), one.state)))
+    late = _lateness_words(one)
+    if late is None:
+        return f"{key} {one.state}"
+    return f"{key} {late}" if one.state in ("late", "early") else f"{key} {one.state}, {late}"
+
+
+def _lateness_words(one: "LiveTrack") -> str | None:
+    """Return the latenesses of a track as the page does: `11 to 14 min late`, `2 min early to 5 min late`."""
+    ends = _lateness_minutes(one)
+    if ends is None:
+        return None
+    least, most = ends
+    if least >= 0:
+        return f"{_range(least, most)} late"
+    return f"{_range(-most, -least)} early" if most <= 0 else f"{-least} min early to {most} min late"
+
+
+def _range(least: int, most: int) -> str:
+    return f"{least} min" if least == most else f"{least} to {most} min"
 
 
 def _lateness(one: "LiveTrack") -> str | None:
-    """Return the interval of latenesses of a track in minutes, rounded outward."""
+    """Return the interval of latenesses of a track in minutes, negative: early."""
+    ends = _lateness_minutes(one)
+    if ends is None:
+        return None
+    least, most = ends
+    return f"{least:+d} to {most:+d} min" if least != most else f"{least:+d} min"
+
+
+def _lateness_minutes(one: "LiveTrack") -> tuple[int, int] | None:
+    """Return the least and the greatest lateness of a track in minutes, rounded outward; None: not known."""
     if one.late_from_s is None or one.late_to_s is None:
         return None
-    least, most = math.floor(one.late_from_s / 60.0), math.ceil(one.late_to_s / 60.0)
-    return f"{least:+d} to {most:+d} min" if least != most else f"{least:+d} min"
+    return math.floor(one.late_from_s / 60.0), math.ceil(one.late_to_s / 60.0)
 
 
 def _print_gone(scene: "StoredScene", args: argparse.Namespace) -> None:

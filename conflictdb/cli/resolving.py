@@ -37,6 +37,7 @@ def resolve(args: argparse.Namespace) -> int:
             margin_m=margin_m,
             round_s=args.round,
             time_zone=args.tz or UTC,
+            units=chosen_units(),
         )
         names = {} if args.format == "json" else stored.names(*_keys(found))
     if args.format == "json":

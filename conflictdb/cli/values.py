@@ -14,15 +14,15 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 from conflictdb.core.memory_budget import LEAST_MEMORY_MB
 from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import REMOVED
-from conflictdb.model.units import Units
+from conflictdb.model.units import METRES_PER_NMI, Units
 
 # What a table of conflicts shows on request.
 MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
-_UNITS_M: Final = {"m": 1.0, "metres": 1.0, "km": 1000.0, "nmi": 1852.0, "ft": 0.3048}
-_UNITS_KN: Final = {"kn": 1.0, "m/s": 3600.0 / 1852.0, "km/h": 1000.0 / 1852.0}
+_UNITS_M: Final = {"m": 1.0, "metres": 1.0, "km": 1000.0, "nmi": METRES_PER_NMI, "ft": 0.3048}
+_UNITS_KN: Final = {"kn": 1.0, "m/s": 3600.0 / METRES_PER_NMI, "km/h": 1000.0 / METRES_PER_NMI}
 _UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 

@@ -595,22 +595,29 @@ class StoredScene:
         *,
         margin_s: float = 0.0,
         margin_m: float = 0.0,
+        units: str = "nautical",
     ) -> "list[FreePlace]":
         """Return the least shift of an area along each bearing with which it meets nothing; nothing is stored.
 
         Computed from the objects as they are stored, whether they were detected or not. The area moves at its true
-        size, by whole tenths of a nautical mile; a detection of the moved copy has checked each place.
+        size, by whole tenths of a unit; a detection of the moved copy has checked each place.
 
         aside_m : the farthest shift, metres
         bearings_deg : degrees clockwise from north; by default eight of them
         margin_s, margin_m : wanted on top of the required separations in time and in distance
+        units : ``nautical`` or ``metric``: shifts are whole tenths of a nautical mile, or of a kilometre
 
-        Raises InvalidInput for an unknown scene or area, and for limits that are none.
+        Raises InvalidInput for an unknown scene or area, for an area that does not fit the scene's plane, and for
+        limits that are none.
         """
         from conflictdb.memory.area_places import places
+        from conflictdb.model.units import Units
 
+        if units not in list(Units):
+            raise InvalidInput("places", "units", f"must be one of {', '.join(Units)}; got {units!r:.60}")
         settings, areas, tracks = self._read()
-        return places(tracks, areas, settings, key, aside_m, bearings_deg, margin_s=margin_s, margin_m=margin_m)
+        margins = {"margin_s": margin_s, "margin_m": margin_m}
+        return places(tracks, areas, settings, key, aside_m, bearings_deg, **margins, units=Units(units))
 
     def speeds(
         self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None
@@ -654,6 +661,7 @@ class StoredScene:
         margin_m: float = 0.0,
         round_s: float = 0.0,
         time_zone: tzinfo = UTC,
+        units: str = "nautical",
     ) -> "Proposal":
         """Return the least changes of departures that clear the scene, and store them as a proposal.
 
@@ -684,6 +692,7 @@ class StoredScene:
             margin_m=margin_m,
             round_s=round_s,
             time_zone=time_zone,
+            units=units,
         )
         return clearing.resolve(self.connection, self.name, compute)
 

@@ -1,6 +1,7 @@
 """Where an area could be instead: the least shift along bearings with which it meets nothing.
 
-Shifts are whole steps. Each one is checked by a detection of the moved copy (`Index.probe`) before it is returned.
+Shifts are whole tenths of a unit, so that words say them without rounding. A detection of the moved copy
+(`Index.probe`) checks each one before it is returned.
 """
 
 import math
@@ -16,11 +17,11 @@ from conflictdb.memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.margin import Margin
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import NewPlace
+from conflictdb.model.units import Units
 
-# Shifts are whole tenths of a nautical mile, coarser ones if that would be more steps than this on a bearing.
-STEP_M: Final = METRES_PER_NMI / 10.0
+# Shifts are coarser tenths if that would be more steps than this on a bearing.
 _MOST_STEPS: Final = 100
 BEARINGS_DEG: Final = tuple(45.0 * n for n in range(8))
 _MOST_BEARINGS: Final = 360
@@ -61,12 +62,14 @@ def places(
     *,
     margin_s: float = 0.0,
     margin_m: float = 0.0,
+    units: Units = Units.NAUTICAL,
 ) -> list[FreePlace]:
     """Return the least free shift of an area along each bearing, while all others stay as planned.
 
     most_m : the farthest shift, metres
     bearings_deg : degrees clockwise from north; None: eight of them
     margin_s, margin_m : wanted on top of the required separations in time and in distance
+    units : shifts are whole tenths of its larger unit
 
     Raises InvalidInput for a key that is not of an area, for an area or any other object that does not fit the plane,
     and for limits that are none.
@@ -84,15 +87,16 @@ def places(
         raise InvalidInput(f"scene {scene.name!r}", "area", f"{key!r} {problem}")
     index = Index(scene)
     index.put([one for one in plans if one.key != key])
-    return [_along(index, scene, area, most_m, bearing) for bearing in bearings_deg]
+    return [_along(index, scene, area, most_m, bearing, units) for bearing in bearings_deg]
 
 
-def nearest_place(index: Index, scene: Scene, area: Area, most_m: float, ends: float) -> NewPlace | None:
+def nearest_place(index: Index, scene: Scene, area: Area, most_m: float, ends: float, units: Units) -> NewPlace | None:
     """Return the least free shift of an area that an index lacks, along one of eight bearings; None: none is found.
 
     ends : of the search, on the monotonic clock
+    units : the shift is a whole number of tenths of its larger unit
     """
-    step_m, count = _steps(most_m)
+    step_m, count = _steps(most_m, units)
     for k in range(1, count + 1):
         for bearing in BEARINGS_DEG:
             if time.monotonic() > ends:
@@ -102,8 +106,8 @@ def nearest_place(index: Index, scene: Scene, area: Area, most_m: float, ends: f
     return None
 
 
-def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float) -> FreePlace:
-    step_m, count = _steps(most_m)
+def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float, units: Units) -> FreePlace:
+    step_m, count = _steps(most_m, units)
     met = farthest = _met(index, area)
     if not met:
         return FreePlace(bearing, 0.0, ())
@@ -115,9 +119,9 @@ def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float
     return FreePlace(bearing, None, farthest)
 
 
-def _steps(most_m: float) -> tuple[float, int]:
+def _steps(most_m: float, units: Units) -> tuple[float, int]:
     """Return the length and the number of steps up to a limit."""
-    step_m = STEP_M * max(1, math.ceil(most_m / STEP_M / _MOST_STEPS))
+    step_m = units.step_m * max(1, math.ceil(most_m / units.step_m / _MOST_STEPS))
     return step_m, int(most_m / step_m * (1.0 + 1e-12))
 
 

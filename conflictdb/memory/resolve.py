@@ -31,6 +31,7 @@ from conflictdb.model.methods import Method
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, NewPlace, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
+from conflictdb.model.units import Units
 
 _Ints = NDArray[np.int64]
 Pairs = frozenset[tuple[str, str]]
@@ -54,6 +55,7 @@ class ProposalLimits:
 
     within_us, now_us, slowest, fastest, aside_m, goal, limit_s : as of `resolve`, in microseconds
     margin : of `margin_s` and `margin_m`
+    units : of `units`
     clock : of `round_s` and `time_zone`
     """
 
@@ -66,6 +68,7 @@ class ProposalLimits:
     limit_s: float
     margin: Margin
     clock: Clock
+    units: Units
 
     @classmethod
     def of(
@@ -81,6 +84,7 @@ class ProposalLimits:
         margin_m: Any,
         round_s: Any,
         time_zone: tzinfo,
+        units: Any,
     ) -> "ProposalLimits":
         """Return the limits. Raises InvalidInput."""
         within_s = inputs.seconds("resolve", "within_s", within_s)
@@ -98,7 +102,9 @@ class ProposalLimits:
                 "resolve", "time_zone", f"must be a time zone, such as a ZoneInfo; got {time_zone!r:.60}"
             )
         clock = Clock(time_zone, round(1e6 * inputs.seconds("resolve", "round_s", round_s)))
-        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s, margin, clock)
+        if units not in list(Units):
+            raise InvalidInput("resolve", "units", f"must be one of {', '.join(Units)}; got {units!r:.60}")
+        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s, margin, clock, Units(units))
 
     def of_delays(self, plan: Area | Track) -> tuple[int, int]:
         """Return the least and the greatest delay of a plan."""
@@ -129,6 +135,7 @@ def resolve(
     margin_m: float = 0.0,
     round_s: float = 0.0,
     time_zone: tzinfo = UTC,
+    units: Units | str = Units.NAUTICAL,
 ) -> Proposal:
     """Return the least changes of departures that clear a scene, verified by a detection of the whole changed scene.
 
@@ -159,9 +166,9 @@ def resolve(
         none does.
     aside_m : float
         Movable areas that no time clears go up to this far aside, at their true size: the least whole number of tenths
-        of a nautical mile on one of eight bearings. Tracks that neither clears get one or two new waypoints on a leg,
-        up to this far aside of it, and arrive at most `within_s` later; by default none does. Their size and heights
-        must not change on the way.
+        of a nautical mile, or kilometre, on one of eight bearings. Tracks that neither clears get one or two new
+        waypoints on a leg, up to this far aside of it, and arrive at most `within_s` later; by default none does.
+        Their size and heights must not change on the way.
     goal : str
         ``total``, the sum of all delays, or ``largest``.
     limit_s : float
@@ -175,8 +182,10 @@ def resolve(
         checked again; by default they are exact. `is_least` and `bound_s` are those before.
     time_zone : tzinfo
         Whose midnight.
+    units : str
+        ``nautical`` or ``metric``: which unit an area goes aside by tenths of.
     """
-    given = (within_s, now, slowest, fastest, aside_m, goal, limit_s, margin_s, margin_m, round_s, time_zone)
+    given = (within_s, now, slowest, fastest, aside_m, goal, limit_s, margin_s, margin_m, round_s, time_zone, units)
     limits = ProposalLimits.of(*given)
     areas = questions.each("resolve", "areas", areas, Area)
     scene = limits.margin.added_to(questions.scene_of("resolve", scene))
@@ -402,7 +411,7 @@ def _places(
     found = {}
     for area in (one for one in areas if one.key in keys):
         index.remove(area.key)
-        place = nearest_place(index, scene, area, limits.aside_m, ends)
+        place = nearest_place(index, scene, area, limits.aside_m, ends, limits.units)
         if place is not None:
             found[area.key] = place
         index.put(area if place is None else _elsewhere(scene, area, place))

@@ -40,8 +40,7 @@ from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.settings import VerticalDatum as VerticalDatum
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
-
-METRES_PER_NMI: Final = 1852.0  # exact, by definition
+from conflictdb.model.units import METRES_PER_NMI as METRES_PER_NMI
 
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90

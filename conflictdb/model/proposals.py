@@ -71,8 +71,8 @@ class NewPlace:
     bearing_deg: float
 
     def text(self, units: Units = Units.NAUTICAL) -> str:
-        """Return it in words: ``2.4 nmi on 270°``."""
-        return f"{units.distance(self.distance_m)} on {self.bearing_deg % 360.0:03.0f}°"
+        """Return it in words: ``2.4 nmi on 270°``, in metres if it is no whole number of tenths of the unit."""
+        return f"{units.exact_distance(self.distance_m)} on {self.bearing_deg % 360.0:03.0f}°"
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +200,7 @@ def _change(move: Move, clock: Clock, units: Units) -> str:
     if move.detour is not None:
         way = " and ".join(units.place(*place) for place in move.detour.waypoints_deg)
         longer = (
-            f"{units.least_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
+            f"{units.most_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
         )
         return f"via {way} on leg {move.detour.leg}, {longer}"
     if move.speed != 1.0:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.model.units import METRES_PER_NMI
 
-MPS_PER_KNOT: Final = 1852.0 / 3600.0
+MPS_PER_KNOT: Final = METRES_PER_NMI / 3600.0
 MAX_SPEED_KN: Final = 2000.0  # faster than any aircraft in service; as in sql/12_checks.sql, _limit
 AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed in an AIS message
 # Relative tolerance of the check: the lengths and times of legs are rounded, and the scene's earth may differ.

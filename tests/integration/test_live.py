@@ -330,7 +330,7 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
     assert "1 rows without a time or a place are left out" in said.err
     look(sea)
     shown = run("conflicts", "--live", "--scene", "s").out
-    alarm = "219000001 +9 to +11 min late: may meet anything near (the scene stores no delays: set delays_within_s)"
+    alarm = "219000001 9 to 11 min late: may meet anything near (the scene stores no delays: set delays_within_s)"
     assert shown.splitlines()[0] == alarm
     assert [line.split()[:2] for line in shown.splitlines()[3:]] == [["219000001", "late"], ["F", "on"]]
     rows = json.loads(run("conflicts", "--live", "--scene", "s", "--format", "json").out)

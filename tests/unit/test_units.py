@@ -27,3 +27,15 @@ def test_a_distance_is_in_the_unit_that_fits_it() -> None:
     assert [Units.NAUTICAL.least_distance(m) for m in (370.0, 371.0, 184.9, 1851.9)] == [
         *("0.1 nmi", "0.2 nmi", "184 m", "0.9 nmi"),
     ]
+
+
+def test_a_distance_that_must_be_kept_is_rounded_up() -> None:
+    """The error of a product is no part of a tenth: 31 steps of 185.2 m are 3.1 nmi, not 3.2 or 3.0."""
+    assert [Units.NAUTICAL.most_distance(m) for m in (371.0, 31 * 185.2, 12.1)] == ["0.3 nmi", "3.1 nmi", "13 m"]
+    assert [Units.NAUTICAL.least_distance(n * 185.2) for n in (31, 33, 57)] == ["3.1 nmi", "3.3 nmi", "5.7 nmi"]
+
+
+def test_a_proposed_distance_is_not_rounded() -> None:
+    """To a tenth of the unit only if it is one: 3.1 nautical miles are 5.7412 km, and 5.7 would be too near."""
+    assert [Units.NAUTICAL.exact_distance(m) for m in (3.1 * 1852.0, 5700.0)] == ["3.1 nmi", "5700.0 m"]
+    assert [Units.METRIC.exact_distance(m) for m in (3.1 * 1852.0, 5700.0, 42.31)] == ["5741.2 m", "5.7 km", "42.4 m"]
