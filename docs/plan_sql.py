@@ -10,8 +10,9 @@ columns it has, and what it has for each:
     /* end */
 
 Columns: all `columns`; `answers`, whose change makes a new version; `plain`, of the forms but OWN; of these `numbers`,
-`strings`, the others, `texts` and `documents`; `numbered`, which detections read as 64-bit numbers; `alone`, of no
-other kind; `values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column.
+`strings`, the others, `texts` and `documents`; `numbered`, which detections read as 64-bit numbers; `measures`, numbers
+of which batches have arrays; `bytes`, shapes and lists; `alone`, of no other kind; `values`, plain but documents, and
+one member of scene files; `checked`, whose rule needs no other column.
 WORDS below has the words that are replaced. Items are joined by commas, unless each begins or ends with a comma or
 another sign of its own. A test says when a list is out of date (tests/unit/test_plan_columns.py).
 """
@@ -22,8 +23,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from conflictdb.arrays.column_numbers import NUMBERED
-from conflictdb.model.plan_columns import PLAN_COLUMNS, Form, PlanColumn, checked_columns, columns_of
+from conflictdb.arrays.column_numbers import NUMBERED, measures
+from conflictdb.model.plan_columns import (
+    PLAN_COLUMNS,
+    Form,
+    PlanColumn,
+    bytes_columns,
+    checked_columns,
+    columns_of,
+)
 from conflictdb.model.rules import KINDS
 
 SQL: Final = Path(__file__).resolve().parents[1] / "sql"
@@ -38,8 +46,8 @@ _SQL_WORD: Final = re.compile(r"(?:'[^']*'|[^ '])+")
 _WIDTH: Final = 120
 _STAGED_AS: Final = {
     "active_span": "span_start timestamptz, span_end timestamptz",
-    "floors_m": "floors text",
-    "ceilings_m": "ceilings text",
+    "floors_m": "floors_m text",
+    "ceilings_m": "ceilings_m text",
 }
 
 
@@ -87,13 +95,18 @@ def _staged(one: PlanColumn, of: str) -> str:
     if one.name == "active_span":
         return f"tstzrange(nullif({of}.span_start, '-infinity'), nullif({of}.span_end, 'infinity'))"
     if one.name in _STAGED_AS:
-        return f"{of}.{_STAGED_AS[one.name].split()[0]}::{one.sql}"
+        return f"{value}::{one.sql}"
     return f"nullif({value}, 'NaN')" if one.form is Form.NUMBER else value
 
 
 def _sent(one: PlanColumn, of: str) -> str:
-    """Return a plain column without nulls, for COPY; clients read it by its form."""
+    """Return a column without nulls, for COPY; clients read it by its form."""
     value = f"{of}.{one.name}"
+    if one.form is Form.OWN:
+        sent = _sent_bytes(one, value)
+        if one.is_expansion:
+            sent = f"CASE WHEN {of}.schedule_error IS NULL THEN {sent} END"
+        return f"coalesce({sent}, '')" if one.default else sent
     if one.form is Form.NUMBER:
         return f"coalesce({value}, 'NaN')"
     return {
@@ -101,6 +114,21 @@ def _sent(one: PlanColumn, of: str) -> str:
         Form.WORD: f"coalesce({value}, '')",
         Form.DOCUMENT: f"coalesce({value}::text, '')",
     }[one.form]
+
+
+def _expanded(one: PlanColumn, of: str) -> str:
+    """Return an expansion as `_sent`, a zero byte for that of a schedule which is not expanded."""
+    sent = _sent_bytes(one, f"{of}.{one.name}")
+    return (
+        f"CASE WHEN {of}.schedule_error IS NULL AND {of}.{one.name} IS NOT NULL THEN {sent} "
+        f"WHEN {of}.schedule IS NULL THEN '' ELSE '\\x00' END"
+    )
+
+
+def _sent_bytes(one: PlanColumn, value: str) -> str:
+    if one.sql == "geometry":
+        return f"ST_AsBinary({value}, 'NDR')"
+    return f"array_send({f'_ends_of({value})' if one.sql == 'tstzmultirange' else value})"
 
 
 def _numbered(one: PlanColumn, of: str) -> str:
@@ -146,6 +174,7 @@ _OF_ROWS: Final[dict[str, Callable[[PlanColumn, str], str]]] = {
     "TAKEN": _taken,
     "STAGED": _staged,
     "SENT": _sent,
+    "EXPANDED": _expanded,
     "NUMBER": _numbered,
     "VALID": _is_valid,
     "CHECK": _check,
@@ -172,6 +201,10 @@ def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
         return (one for one in PLAN_COLUMNS if one.name in seen)
     if which == "numbered":
         return iter(NUMBERED[kind])
+    if which == "measures":
+        return measures(kind)
+    if which == "bytes":
+        return bytes_columns(kind)
     if which == "checked":
         return (one for one in checked_columns(kind) if one.form is not Form.TEXT)
     if which in by_form:

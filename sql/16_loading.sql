@@ -16,7 +16,7 @@ BEGIN
         key text COLLATE "C",
         /* track columns: TEMPORARY */
         path geometry, outline geometry, floor_m double precision, ceiling_m double precision, name text,
-        properties jsonb, grow_mps double precision, outlines geometry, floors text, ceilings text, class text,
+        properties jsonb, grow_mps double precision, outlines geometry, floors_m text, ceilings_m text, class text,
         owner text, tolerances jsonb, departures timestamptz[], schedule jsonb
         /* end */
     ) ON COMMIT DROP;
@@ -67,8 +67,8 @@ BEGIN
         p_scene_id, s.key,
         /* track columns: STAGED(s) */
         ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name, s.properties,
-        nullif(s.grow_mps, 'NaN'), s.outlines, s.floors::double precision[], s.ceilings::double precision[], s.class,
-        s.owner, s.tolerances, s.departures, s.schedule
+        nullif(s.grow_mps, 'NaN'), s.outlines, s.floors_m::double precision[], s.ceilings_m::double precision[],
+        s.class, s.owner, s.tolerances, s.departures, s.schedule
         /* end */
         FROM pg_temp.staged_track s WHERE s.ctid >= v_first AND s.ctid < v_end
         ORDER BY s.ctid;
@@ -172,9 +172,10 @@ BEGIN
                 /* track columns: STAGED(s) AS NAME */
                 ST_SetSRID(s.path, 4326) AS path, s.outline AS outline, nullif(s.floor_m, 'NaN') AS floor_m,
                 nullif(s.ceiling_m, 'NaN') AS ceiling_m, s.name AS name, s.properties AS properties,
-                nullif(s.grow_mps, 'NaN') AS grow_mps, s.outlines AS outlines, s.floors::double precision[] AS floors_m,
-                s.ceilings::double precision[] AS ceilings_m, s.class AS class, s.owner AS owner,
-                s.tolerances AS tolerances, s.departures AS departures, s.schedule AS schedule
+                nullif(s.grow_mps, 'NaN') AS grow_mps, s.outlines AS outlines,
+                s.floors_m::double precision[] AS floors_m, s.ceilings_m::double precision[] AS ceilings_m,
+                s.class AS class, s.owner AS owner, s.tolerances AS tolerances, s.departures AS departures,
+                s.schedule AS schedule
                 /* end */
             FROM pg_temp.staged_track s
         ) n
@@ -222,8 +223,8 @@ BEGIN
         ) IS NOT DISTINCT FROM (
             /* track columns: STAGED(s) */
             ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name,
-            s.properties, nullif(s.grow_mps, 'NaN'), s.outlines, s.floors::double precision[],
-            s.ceilings::double precision[], s.class, s.owner, s.tolerances, s.departures, s.schedule
+            s.properties, nullif(s.grow_mps, 'NaN'), s.outlines, s.floors_m::double precision[],
+            s.ceilings_m::double precision[], s.class, s.owner, s.tolerances, s.departures, s.schedule
             /* end */
         );
         GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -255,7 +256,10 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._read_areas(
     /* area numbers: OUT NAME double precision, */
     OUT floor_m double precision, OUT ceiling_m double precision,
     /* end */
-    OUT footprint bytea, OUT spans bytea, OUT key text, OUT properties text,
+    /* area bytes: OUT NAME bytea, */
+    OUT footprint bytea, OUT activations bytea,
+    /* end */
+    OUT key text, OUT properties text,
     /* area strings: OUT NAME text */
     OUT name text, OUT class text, OUT owner text, OUT schedule text
     /* end */
@@ -267,9 +271,11 @@ BEGIN ATOMIC
            /* area numbers: SENT(a), */
            coalesce(a.floor_m, 'NaN'), coalesce(a.ceiling_m, 'NaN'),
            /* end */
+           /* area bytes: SENT(a), */
            ST_AsBinary(a.footprint, 'NDR'),
-           coalesce(CASE WHEN a.schedule_error IS NULL THEN array_send(_ends_of(a.activations)) END, ''), a.key,
-           a.properties::text,
+           coalesce(CASE WHEN a.schedule_error IS NULL THEN array_send(_ends_of(a.activations)) END, ''),
+           /* end */
+           a.key, a.properties::text,
            /* area strings: SENT(a) */
            coalesce(to_jsonb(a.name)::text, ''), coalesce(a.class, ''), coalesce(a.owner, ''),
            coalesce(a.schedule::text, '')
@@ -286,7 +292,10 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
     /* track numbers: OUT NAME double precision, */
     OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision,
     /* end */
-    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea,
+    /* track bytes: OUT NAME bytea, */
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea,
+    OUT departures bytea,
+    /* end */
     OUT key text, OUT properties text,
     /* track strings: OUT NAME text */
     OUT name text, OUT class text, OUT owner text, OUT tolerances text, OUT schedule text
@@ -298,11 +307,12 @@ BEGIN ATOMIC
            /* track numbers: SENT(t), */
            coalesce(t.floor_m, 'NaN'), coalesce(t.ceiling_m, 'NaN'), coalesce(t.grow_mps, 'NaN'),
            /* end */
-           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
-           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''),
-           coalesce(CASE WHEN t.schedule_error IS NULL THEN array_send(t.departures) END, ''), t.key,
-           t.properties::text,
+           /* track bytes: SENT(t), */
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
+           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''),
+           coalesce(CASE WHEN t.schedule_error IS NULL THEN array_send(t.departures) END, ''),
+           /* end */
+           t.key, t.properties::text,
            /* track strings: SENT(t) */
            coalesce(to_jsonb(t.name)::text, ''), coalesce(t.class, ''), coalesce(t.owner, ''),
            coalesce(t.tolerances::text, ''), coalesce(t.schedule::text, '')
@@ -312,5 +322,5 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
 'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Numbers NaN: none; names are JSON. '
-'Empty: outlines if not per waypoint; floors and ceilings (array_send, metres) if not per leg; departures (also of a '
+'Empty: outlines if not per waypoint; floors_m and ceilings_m (array_send) if not per leg; departures (also of a '
 'schedule that is not understood), and texts and documents if there is none.';

@@ -16,39 +16,52 @@ COMMENT ON FUNCTION _pending(bigint) IS
 'Number of marks of areas and of tracks of a scene, counted up to 1,000 each.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
-    area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
-    ceiling_m double precision,
+    area_id bigint, version bigint, span_start timestamptz, span_end timestamptz,
+    /* area measures: NAME TYPE, */
+    floor_m double precision, ceiling_m double precision,
+    /* end */
     /* area numbered: NAME_number bigint, */
     class_number bigint, owner_number bigint,
     /* end */
-    footprint bytea, spans bytea
+    /* area bytes: NAME bytea */
+    footprint bytea, activations bytea
+    /* end */
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- "+ 0" prevents use of the index on scene_id, which would read all objects of the scene.
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
-           coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'),
+           coalesce(upper(a.active_span), 'infinity'),
+           /* area measures: SENT(a), */
+           coalesce(a.floor_m, 'NaN'), coalesce(a.ceiling_m, 'NaN'),
+           /* end */
            /* area numbered: NUMBER(a), */
            _word_number(a.class), _word_number(a.owner),
            /* end */
+           /* area bytes: SENT(a) but activations = EXPANDED(a) */
            ST_AsBinary(a.footprint, 'NDR'),
            CASE WHEN a.schedule_error IS NULL AND a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
-                WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
+               WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
+           /* end */
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
-'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded, spans (array_send, starts '
-'and ends in turn) are empty for one span only, and a zero byte if a schedule is not expanded. Inlined into queries.';
+'One area of a scene without nulls: infinite instants and NaN heights (metres) mean unbounded, activations (array_send, '
+'starts and ends in turn) are empty for one span only, and a zero byte if a schedule is not expanded. Inlined into '
+'queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
+    /* area measures: OUT NAME TYPE, */
     OUT floor_m double precision, OUT ceiling_m double precision,
+    /* end */
     /* area numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
-    OUT footprint bytea, OUT spans bytea
+    /* area bytes: OUT NAME bytea */
+    OUT footprint bytea, OUT activations bytea
+    /* end */
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -73,43 +86,55 @@ END;
 COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longitude and latitude, degrees.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
-    track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
+    track_id bigint, version bigint,
+    /* track measures: NAME TYPE, */
+    floor_m double precision, ceiling_m double precision, grow_mps double precision,
+    /* end */
     /* track numbered: NAME_number bigint, */
     class_number bigint, owner_number bigint,
     /* end */
-    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea,
-    departures bytea, tolerances text
+    /* track bytes: NAME bytea, */
+    path bytea, outline bytea, outlines bytea, floors_m bytea, ceilings_m bytea, departures bytea,
+    /* end */
+    tolerances text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
-           t.grow_mps,
+    SELECT t.track_id, t.version,
+           /* track measures: SENT(t), */
+           coalesce(t.floor_m, 'NaN'), coalesce(t.ceiling_m, 'NaN'), coalesce(t.grow_mps, 'NaN'),
+           /* end */
            /* track numbered: NUMBER(t), */
            _word_number(t.class), _word_number(t.owner),
            /* end */
-           ST_AsBinary(t.path, 'NDR'),
-           ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
-           coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''),
-           CASE WHEN t.schedule_error IS NULL AND t.departures IS NOT NULL THEN array_send(t.departures)
-                WHEN t.schedule IS NULL THEN '' ELSE '\x00' END,
+           /* track bytes: SENT(t), but departures = EXPANDED(t), */
+           ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
+           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''),
+           CASE WHEN t.schedule_error IS NULL AND t.departures IS NOT NULL THEN array_send(t.departures) WHEN t.schedule
+               IS NULL THEN '' ELSE '\x00' END,
+           /* end */
            coalesce(t.tolerances::text, '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
-'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. '
+'One track of a scene without nulls: NaN heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
+'floors_m and ceilings_m (array_send) if not per leg; departures (array_send) if it is one voyage. '
 'departures are a zero byte if the schedule is not expanded; tolerances. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
-    OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision,
+    OUT track_id bigint, OUT version bigint,
+    /* track measures: OUT NAME TYPE, */
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision,
+    /* end */
     /* track numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
-    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
-    OUT departures bytea, OUT tolerances text
+    /* track bytes: OUT NAME bytea, */
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea,
+    OUT departures bytea,
+    /* end */
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC

@@ -91,11 +91,15 @@ COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) I
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
+    /* area measures: OUT NAME TYPE, */
     OUT floor_m double precision, OUT ceiling_m double precision,
+    /* end */
     /* area numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
-    OUT footprint bytea, OUT spans bytea
+    /* area bytes: OUT NAME bytea */
+    OUT footprint bytea, OUT activations bytea
+    /* end */
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
@@ -110,13 +114,18 @@ COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
-    OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision,
+    OUT track_id bigint, OUT version bigint,
+    /* track measures: OUT NAME TYPE, */
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision,
+    /* end */
     /* track numbered: OUT NAME_number bigint, */
     OUT class_number bigint, OUT owner_number bigint,
     /* end */
-    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
-    OUT departures bytea, OUT tolerances text
+    /* track bytes: OUT NAME bytea, */
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea,
+    OUT departures bytea,
+    /* end */
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$

@@ -5,7 +5,7 @@ Words cost too much in arrays of pieces. The number of a number has its bits.
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from hashlib import md5
 from typing import Any, Final
@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.model.plan_columns import Form, columns_of
+from conflictdb.model.plan_columns import Form, PlanColumn, columns_of
 from conflictdb.model.rules import KINDS
 
 # Batches have arrays of these.
@@ -27,6 +27,11 @@ NUMBERED: Final = {
     )
     for kind in KINDS
 }
+
+
+def measures(kind: str) -> Iterator[PlanColumn]:
+    """Yield the columns of numbers of which batches have arrays."""
+    return (one for one in columns_of(kind, Form.NUMBER) if one.name in _MEASURES)
 
 
 @lru_cache(maxsize=4096)

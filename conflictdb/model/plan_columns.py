@@ -224,3 +224,8 @@ def columns_of(kind: str, *forms: Form) -> Iterator[PlanColumn]:
 def checked_columns(kind: str) -> tuple[PlanColumn, ...]:
     """Return the columns of areas or tracks whose rule needs no other column."""
     return tuple(one for one in columns_of(kind) if one.check is not in_its_plan)
+
+
+def bytes_columns(kind: str) -> Iterator[PlanColumn]:
+    """Yield the columns of areas or tracks that clients get as bytes: shapes, and lists of times or heights."""
+    return (one for one in columns_of(kind, Form.OWN) if one.sql not in ("tstzrange", "jsonb"))

@@ -87,7 +87,7 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         columns["version"],
         footprint,
         decode_activations(
-            strings["spans"],
+            strings["activations"],
             np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
         ),
         _height(columns["floor_m"], -np.inf),
@@ -102,7 +102,7 @@ def _numbers(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int6
 
 
 def _height(heights_m: NDArray[np.float64], unbounded: float) -> NDArray[np.float64]:
-    """Return heights, also of `_read_areas` and `_read_tracks`, where NaN is none."""
+    """Return the heights of rows, where NaN is none."""
     return np.where(np.isnan(heights_m), unbounded, heights_m)
 
 
@@ -139,8 +139,8 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         times_us,
         outline_offset,
         outline_m,
-        _leg_heights(_height(columns["floor_m"], -np.inf), strings["floors"], waypoint_offset, -np.inf),
-        _leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings"], waypoint_offset, np.inf),
+        _leg_heights(_height(columns["floor_m"], -np.inf), strings["floors_m"], waypoint_offset, -np.inf),
+        _leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings_m"], waypoint_offset, np.inf),
         columns["grow_mps"],
         outlines_offset,
         outlines_m,

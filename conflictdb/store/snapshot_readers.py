@@ -17,7 +17,15 @@ from psycopg.rows import tuple_row
 from conflictdb.errors import StoreError
 from conflictdb.model.results import Kind
 from conflictdb.store.connection import require_idle, snapshot, translated
-from conflictdb.store.stored_objects import Numbered, areas_of, fixed_columns, string_columns, tracks_of
+from conflictdb.store.stored_objects import (
+    AREA_STRINGS,
+    TRACK_STRINGS,
+    Numbered,
+    areas_of,
+    fixed_columns,
+    string_columns,
+    tracks_of,
+)
 
 # The query of readers. Texts and instants are bytes, so they do not depend on connection settings. Names and properties
 # are not read.
@@ -36,9 +44,9 @@ def _query(kind: Kind, own: str) -> str:
 _ROWS: Final = {
     Kind.AREA: _query(
         Kind.AREA,
-        'timestamptz_send(span_start) AS start, timestamptz_send(span_end) AS "end", footprint, spans',
+        f'timestamptz_send(span_start) AS start, timestamptz_send(span_end) AS "end", {", ".join(AREA_STRINGS)}',
     ),
-    Kind.TRACK: _query(Kind.TRACK, "path, outline, outlines, floors, ceilings, departures"),
+    Kind.TRACK: _query(Kind.TRACK, ", ".join(TRACK_STRINGS)),
 }
 # The first of every n ids.
 _FIRSTS: Final = {

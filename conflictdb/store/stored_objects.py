@@ -4,13 +4,14 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import measures
 from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
 from conflictdb.errors import InvalidInput
@@ -18,8 +19,9 @@ from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model import many
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
-from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, columns_of
+from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, bytes_columns, columns_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
+from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, require_writable, transaction
 from conflictdb.store.scenes import read_settings, scene_or_branch_id, settings_of
@@ -41,22 +43,16 @@ def string_columns(kind: str) -> list[str]:
 # Areas, and tracks, that are encoded at once: bounds memory.
 _SENT_AT_ONCE = 10_000
 # The columns of routines that return objects: numbers and instants, then all others, as bytes.
-AREA_COLUMNS = [
-    ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
-]  # fmt: skip
-AREA_STRINGS = ["footprint", "spans"]
-TRACK_COLUMNS = [
-    ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
-]  # fmt: skip
-TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "departures"]
+_AREA_HEAD: Final = [("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8")]
+_TRACK_HEAD: Final = [("track_id", "i8"), ("version", "i8")]
+AREA_COLUMNS = [*_AREA_HEAD, *((one.name, "f8") for one in measures(AREA))]
+TRACK_COLUMNS = [*_TRACK_HEAD, *((one.name, "f8") for one in measures(TRACK))]
+AREA_STRINGS, TRACK_STRINGS = ([one.name for one in bytes_columns(kind)] for kind in KINDS)
 # Of rows of tracks, after all others.
 TOLERANCES = ["tolerances"]
 # Those of _read_areas and _read_tracks.
-_READ_AREAS = [*AREA_COLUMNS[:4], *fixed_columns(AREA)], [*AREA_STRINGS, "key", "properties", *string_columns(AREA)]
-_READ_TRACKS = (
-    [*TRACK_COLUMNS[:2], *fixed_columns(TRACK)],
-    [*TRACK_STRINGS, "key", "properties", *string_columns(TRACK)],
-)
+_READ_AREAS = [*_AREA_HEAD, *fixed_columns(AREA)], [*AREA_STRINGS, "key", "properties", *string_columns(AREA)]
+_READ_TRACKS = [*_TRACK_HEAD, *fixed_columns(TRACK)], [*TRACK_STRINGS, "key", "properties", *string_columns(TRACK)]
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
 
 
@@ -228,7 +224,7 @@ def changing_heights(
 ) -> Iterator[tuple[str, NDArray[np.float64] | None, NDArray[np.float64] | None]]:
     """Yield key, floors and ceilings (metres, infinite: no limit) of the tracks of a scene whose heights change."""
     for _, strings in each_track_row(conn, scene_id):
-        for key, floors, ceilings in zip(strings["key"], strings["floors"], strings["ceilings"], strict=True):
+        for key, floors, ceilings in zip(strings["key"], strings["floors_m"], strings["ceilings_m"], strict=True):
             if floors or ceilings:
                 yield key.decode(), decode_heights(floors, -np.inf), decode_heights(ceilings, np.inf)
 
@@ -245,7 +241,7 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
             "start_us": None if start[i] == MINUS_INFINITY_US else start[i],
             "end_us": None if end[i] == INFINITY_US else end[i],
             "properties": _properties(strings["properties"][i]),
-            **_activations("spans_us", strings["spans"][i]),
+            **_activations("spans_us", strings["activations"][i]),
         }
         for i, plain in enumerate(_plain(AREA, columns, strings))
     ]
@@ -274,8 +270,8 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             **_activations("departures_us", strings["departures"][i]),
         }
         for name, unbounded in (("floors_m", -np.inf), ("ceilings_m", np.inf)):
-            if strings[name.removesuffix("_m")][i]:
-                own[name] = decode_heights(strings[name.removesuffix("_m")][i], unbounded)
+            if strings[name][i]:
+                own[name] = decode_heights(strings[name][i], unbounded)
         if change[i] < change[i + 1]:
             own["outlines_m"] = changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2)
         if strings["schedule"][i] or "outlines_m" in own:
@@ -444,8 +440,8 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
             np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset
         ),
         "outline": copy_binary.polygons(outline, ring, 0),
-        "floors": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
-        "ceilings": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
+        "floors_m": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
+        "ceilings_m": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
         "properties": _documents("track", keys, [t.properties for t in tracks]),
         "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
         "departures": _instants([None if t.schedule is not None else t.departures_us for t in tracks]),
