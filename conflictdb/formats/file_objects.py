@@ -45,6 +45,7 @@ from conflictdb.model.plans import (
     Track,
     VerticalDatum,
     datum_rule,
+    has_heights,
     rectangle_outline_m,
 )
 from conflictdb.model.speed_limits import MPS_PER_KNOT
@@ -469,8 +470,7 @@ def suspect_properties(item: Area | Track) -> Iterator[str]:
 
 def datum_of(scene: Scene, item: Area | Track) -> dict[str, Any]:
     """Return the vertical datum as a member of an object with heights, for a file without settings; else nothing."""
-    heights = [item.floor_m, item.ceiling_m, *((item.floors_m, item.ceilings_m) if isinstance(item, Track) else ())]
-    return {} if all(one is None for one in heights) else {DATUM: scene.vertical_datum.value}
+    return {DATUM: scene.vertical_datum.value} if has_heights(item) else {}
 
 
 def area_properties(item: Area) -> dict[str, Any]:

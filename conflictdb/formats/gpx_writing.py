@@ -3,11 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.xml_text import writable, written
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, has_heights, has_size
 from conflictdb.model.results import labelled
 
 
@@ -33,6 +31,4 @@ def gpx_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
 
 def has_more(track: Track) -> bool:
     """Return whether a track has more than a way and times."""
-    sizes = track.outline_m if track.outlines_m is None else track.outlines_m
-    heights = (track.floor_m, track.ceiling_m, track.floors_m, track.ceilings_m)
-    return bool(np.any(sizes)) or track.tolerances is not None or any(one is not None for one in heights)
+    return has_size(track) or has_heights(track) or track.tolerances is not None

@@ -17,7 +17,7 @@ from conflictdb.formats.file_objects import datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.xml_text import writable, written
-from conflictdb.model.plans import METRES_PER_NMI, Area, Motion, Scene, Track
+from conflictdb.model.plans import METRES_PER_NMI, Area, Motion, Scene, Track, is_by_legs
 
 EXTENSION: Final = {"manufacturer": "conflictdb", "name": "track", "version": "1.0"}
 # Members of an extension that the route itself has.
@@ -38,9 +38,7 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
         raise InvalidInput("RTZ", "", rule)
     (track,) = tracks
     kind = "Orthodrome" if scene.motion == Motion.GREAT_CIRCLE else "Loxodrome"
-    is_steady = (
-        track.tolerances is None and track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
-    )
+    is_steady = not is_by_legs(track)
     name = writable(f"track {track.key!r}", "id", track.key)
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<route xmlns="http://www.cirm.org/RTZ/1/2" version="1.2">\n'

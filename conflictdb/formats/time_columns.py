@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.standards import MADE, Quantity, quantity_of
-from conflictdb.model.plans import Area, Track
+from conflictdb.model.plans import Area, Track, has_heights, has_size
 
 _INSTANT: Final = re.compile(r"\s*(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[-/.]\d\d?[-/.]\d{4})(?:[T ]\d\d:\d\d.*)?\s*")
 # What instants and numbers begin with.
@@ -65,17 +65,11 @@ class UnreadProperties:
 
 def _lacks(item: Area | Track) -> list[Quantity]:
     """Return the quantities that an object does not have."""
+    has = {Quantity.HEIGHT: has_heights(item)}
     if isinstance(item, Area):
-        has = {
-            Quantity.TIME: item.start_us is not None and item.end_us is not None,
-            Quantity.HEIGHT: item.floor_m is not None or item.ceiling_m is not None,
-        }
+        has[Quantity.TIME] = item.start_us is not None and item.end_us is not None
     else:
-        heights = (item.floor_m, item.ceiling_m, item.floors_m, item.ceilings_m)
-        has = {
-            Quantity.HEIGHT: any(one is not None for one in heights),
-            Quantity.SIZE: item.outlines_m is not None or item.grow_mps != 0.0 or bool(item.outline_m.any()),
-        }
+        has[Quantity.SIZE] = has_size(item)
     return [quantity for quantity, is_given in has.items() if not is_given]
 
 

@@ -149,13 +149,8 @@ def _way(scene: Scene, track: Track, leg: int, places: tuple[float, ...], aside_
         return None  # it would be under way when the next voyage departs
 
 
-def is_changing(track: Track) -> bool:
-    """Return whether size, heights or tolerances of a track are given by leg or waypoint."""
-    return any(one is not None for one in (track.outlines_m, track.floors_m, track.ceilings_m, track.tolerances))
-
-
 def rerouted(scene: Scene, track: Track, way: NewWaypoints) -> Track:
-    """Return a track with new waypoints; nothing of it changes from leg to leg (`is_changing`)."""
+    """Return a track with new waypoints; nothing of it changes from leg to leg (`is_by_legs`)."""
     return _over(scene, track, way.leg - 1, (), np.array(way.waypoints_deg)).track
 
 

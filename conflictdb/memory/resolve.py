@@ -17,7 +17,7 @@ from conflictdb.core.world import Reach
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.memory import questions
 from conflictdb.memory.area_places import nearest_place
-from conflictdb.memory.detours import is_changing, rerouted, ways_of
+from conflictdb.memory.detours import rerouted, ways_of
 from conflictdb.memory.index import Index
 from conflictdb.memory.least import Solution, least
 from conflictdb.memory.passing import moves_of
@@ -28,7 +28,7 @@ from conflictdb.model import inputs
 from conflictdb.model.clock import Clock
 from conflictdb.model.margin import Margin
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track, is_by_legs
 from conflictdb.model.proposals import Goal, Left, Move, NewPlace, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
 from conflictdb.model.units import Units
@@ -241,7 +241,7 @@ def resolve(
     if not limits.slowest == limits.fastest == 1.0:
         notes += [f"track {key!r} {_AS_FAST}" for key in stuck if planned[key].tolerances is not None]
     if limits.aside_m > 0.0:
-        notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_changing(planned[key])]
+        notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_by_legs(planned[key])]
     ways = _ways(scene, changed, areas, stuck, limits)
     changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
     fixed_times = {key for key in concerned & repeated & set(movable) - set(keep) if key in of_areas}
@@ -388,7 +388,7 @@ def _ways(
     for key in keys:
         track = changed[key]
         has_begun = limits.now_us is not None and int(track.times_us[0]) < limits.now_us
-        if has_begun or is_changing(track) or time.monotonic() > ends:
+        if has_begun or is_by_legs(track) or time.monotonic() > ends:
             continue
         index.remove(key)
         if best := ways_of(index, prefix, scene, track, limits.aside_m, limits.within_us / 1e6)[:1]:

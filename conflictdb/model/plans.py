@@ -315,6 +315,23 @@ def is_idle(plan: Area | Track) -> bool:
     return plan.schedule is not None and (plan.spans_us if isinstance(plan, Area) else plan.departures_us) == ()
 
 
+def has_heights(plan: Area | Track) -> bool:
+    """Return whether a plan has a floor or a ceiling, also of single legs."""
+    names = ("floor_m", "ceiling_m", "floors_m", "ceilings_m")
+    return any(getattr(plan, name, None) is not None for name in names)
+
+
+def has_size(track: Track) -> bool:
+    """Return whether the haven of a track is more than one point."""
+    outlines_m = track.outline_m if track.outlines_m is None else track.outlines_m
+    return track.grow_mps != 0.0 or bool(np.any(outlines_m))
+
+
+def is_by_legs(track: Track) -> bool:
+    """Return whether size, heights or tolerances of a track are given by leg or waypoint."""
+    return any(one is not None for one in (track.outlines_m, track.floors_m, track.ceilings_m, track.tolerances))
+
+
 def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.float64]:
     """Return heights per leg or waypoint as those at both ends of each leg, (legs, 2); infinite ones on whole legs."""
     if len(heights_m) == legs:

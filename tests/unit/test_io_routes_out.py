@@ -1,12 +1,13 @@
 """Tracks written as routes: GPX reads back as the same ways and times, and files of RTZ have sound names."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.gpx_writing import gpx_lines
+from conflictdb.formats.gpx_writing import gpx_lines, has_more
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
 from conflictdb.formats.rtz_writing import file_names
@@ -54,3 +55,10 @@ def test_names_of_files_are_sound_and_each_is_there_once() -> None:
     # Names of devices on Windows, with any ending.
     assert not {name.casefold().partition(".")[0] for name in names} & {"con", "nul", "com1"}
     assert not any(set(name) & set('/\\:*?"<>|\0') or name.startswith((".", " ")) for name in names)
+
+
+def test_a_way_of_a_point_has_no_more_than_gpx_unless_it_grows() -> None:
+    given = track("A")
+    assert not has_more(given)
+    for more in ({"grow_mps": 0.5}, {"outline_m": [[1.0, 0.0]]}, {"ceiling_m": 5.0}, {"floors_m": [1.0, 2.0]}):
+        assert has_more(replace(given, max_speed_kn=np.inf, **more)), more
