@@ -42,35 +42,31 @@ from conflictdb.model.results import Kind
 _METRES: Final = pa.list_(pa.float64())
 _INSTANTS: Final = pa.list_(INSTANT)
 _RING: Final = pa.list_(_METRES)
-# The types of columns of the form OWN; the other forms have one each.
-_OWN: Final = {
-    "geometry": pa.binary(),
-    "start": INSTANT,
-    "end": INSTANT,
-    "times": _INSTANTS,
-    "outline_m": _RING,
-    "outlines_m": pa.list_(_RING),
-    "floors_m": _METRES,
-    "ceilings_m": _METRES,
-    "properties": pa.string(),
-    "spans": _INSTANTS,
-    "departures": _INSTANTS,
-}
+_Encoder = Callable[[Sequence[Area], Sequence[Track]], Array]
 _PLAIN: Final = tuple(one for one in PLAN_COLUMNS if one.form is not Form.OWN)
+_NAME: Final = "objects"
+_WHO: Final = f"Arrow form {_NAME!r}"
 
 
-def _fields() -> Iterator["pa.Field"]:
-    yield pa.field("id", pa.string(), nullable=False)
-    yield pa.field("kind", pa.string(), nullable=False)
-    yield pa.field("object_id", pa.int64())
-    yield pa.field("version", pa.int64())
-    types = _OWN | {one.arrow[0]: pa.float64() if one.form is Form.NUMBER else pa.string() for one in _PLAIN}
-    for name in dict.fromkeys(name for one in PLAN_COLUMNS for name in one.arrow):
-        yield pa.field(name, types[name], nullable=name != "geometry")
+def _geometries(areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
+    lines = _linestrings([track.positions_deg for track in tracks])
+    shapes = np.concatenate([np.empty(0, object), _as_objects([area.footprint for area in areas]), lines])
+    return pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary())
 
 
-OBJECTS: Final = ArrowForm.of("objects", 1, list(_fields()))
-_WHO: Final = f"Arrow form {OBJECTS.name!r}"
+def _of_properties(areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
+    items: list[Area | Track] = [*areas, *tracks]
+    return pa.array([_document(item.properties) for item in items], pa.string())
+
+
+def _of_areas(value: Callable[[Area], Any], encode: Callable[[list[Any]], Array]) -> _Encoder:
+    """Return a function that encodes values of areas, null for tracks."""
+    return lambda areas, tracks: encode([*map(value, areas), *(None for _ in tracks)])
+
+
+def _of_tracks(value: Callable[[Track], Any], encode: Callable[[list[Any]], Array]) -> _Encoder:
+    """Return a function that encodes values of tracks, null for areas."""
+    return lambda areas, tracks: encode([*(None for _ in areas), *map(value, tracks)])
 
 
 def of_objects(
@@ -84,26 +80,14 @@ def of_objects(
     object_ids, versions : (n,) of all objects, if known
     """
     items: list[Area | Track] = [*areas, *tracks]
-    n, none = len(items), len(areas) * [None]
-    lines = _linestrings([track.positions_deg for track in tracks])
-    shapes = np.concatenate([np.empty(0, object), _as_objects([area.footprint for area in areas]), lines])
+    n = len(items)
     return OBJECTS.batch(
         {
             "id": pa.array([item.key for item in items], pa.string()),
             "kind": pa.array([Kind.AREA.value] * len(areas) + [Kind.TRACK.value] * len(tracks), pa.string()),
             "object_id": pa.nulls(n, pa.int64()) if object_ids is None else of_numbers(object_ids),
             "version": pa.nulls(n, pa.int64()) if versions is None else of_numbers(versions),
-            "geometry": pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary()),
-            "start": pa.array([*(area.start_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
-            "end": pa.array([*(area.end_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
-            "times": _of_ragged([*none, *(track.times_us for track in tracks)], INSTANT),
-            "outline_m": _of_rings([*none, *(None if t.outlines_m is not None else t.outline_m for t in tracks)]),
-            "outlines_m": _of_outlines([*none, *(track.outlines_m for track in tracks)]),
-            "floors_m": _of_heights([*none, *(track.floors_m for track in tracks)]),
-            "ceilings_m": _of_heights([*none, *(track.ceilings_m for track in tracks)]),
-            "properties": pa.array([_document(item.properties) for item in items], pa.string()),
-            "spans": _of_instants([*(_ends(area) for area in areas), *(None for _ in tracks)]),
-            "departures": _of_instants([*none, *(track.departures_us for track in tracks)]),
+            **{name: encode(areas, tracks) for name, (_, encode) in _OWN.items()},
             **{one.arrow[0]: _of_plain(one, [*areas], [*tracks]) for one in _PLAIN},
         }
     )
@@ -313,8 +297,17 @@ def _spans(columns: Mapping[str, Array]) -> list[list[list[np.datetime64 | None]
     return found
 
 
+def _only_outline(track: Track) -> NDArray[np.float64] | None:
+    """Return the outline of a track that has no outline for each waypoint."""
+    return track.outline_m if track.outlines_m is None else None
+
+
 def _ends(area: Area) -> list[int | None] | None:
     return None if area.spans_us is None else [at for span in area.spans_us for at in span]
+
+
+def _of_optional_instants(each_us: Sequence[int | None]) -> Array:
+    return pa.array(each_us, pa.int64()).view(INSTANT)
 
 
 def _of_instants(lists_us: Sequence[Sequence[int | None] | None]) -> Array:
@@ -372,3 +365,36 @@ def _lengths(given: Sequence[NDArray[Any] | None]) -> NDArray[np.int64]:
 
 def _missing(given: Sequence[NDArray[Any] | None]) -> NDArray[np.bool_]:
     return np.array([one is None for one in given], np.bool_)
+
+
+# The columns of the form OWN: type, and values; the other forms have one of each.
+_OWN: Final[dict[str, tuple[Any, _Encoder]]] = {
+    "geometry": (pa.binary(), _geometries),
+    "start": (INSTANT, _of_areas(lambda area: area.start_us, _of_optional_instants)),
+    "end": (INSTANT, _of_areas(lambda area: area.end_us, _of_optional_instants)),
+    "times": (_INSTANTS, _of_tracks(lambda track: track.times_us, lambda given: _of_ragged(given, INSTANT))),
+    "outline_m": (
+        _RING,
+        _of_tracks(_only_outline, _of_rings),
+    ),
+    "outlines_m": (pa.list_(_RING), _of_tracks(lambda track: track.outlines_m, _of_outlines)),
+    "floors_m": (_METRES, _of_tracks(lambda track: track.floors_m, _of_heights)),
+    "ceilings_m": (_METRES, _of_tracks(lambda track: track.ceilings_m, _of_heights)),
+    "properties": (pa.string(), _of_properties),
+    "spans": (_INSTANTS, _of_areas(_ends, _of_instants)),
+    "departures": (_INSTANTS, _of_tracks(lambda track: track.departures_us, _of_instants)),
+}
+
+
+def _fields() -> Iterator["pa.Field"]:
+    yield pa.field("id", pa.string(), nullable=False)
+    yield pa.field("kind", pa.string(), nullable=False)
+    yield pa.field("object_id", pa.int64())
+    yield pa.field("version", pa.int64())
+    types = {name: of for name, (of, _) in _OWN.items()}
+    types |= {one.arrow[0]: pa.float64() if one.form is Form.NUMBER else pa.string() for one in _PLAIN}
+    for name in dict.fromkeys(name for one in PLAN_COLUMNS for name in one.arrow):
+        yield pa.field(name, types[name], nullable=name != "geometry")
+
+
+OBJECTS: Final = ArrowForm.of(_NAME, 1, list(_fields()))
