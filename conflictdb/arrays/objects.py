@@ -3,9 +3,9 @@
 Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragged (`ragged`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,41 +195,52 @@ class Legs:
     whole: Pieces | None = None
 
 
+# The columns of tracks with several rows each: one for each waypoint, or vertex of an outline, or leg.
+_RAGGED: Final = {
+    "positions_deg": "waypoint_offset",
+    "times_us": "waypoint_offset",
+    "outline_m": "outline_offset",
+    "outlines_m": "outlines_offset",
+    "floor_m": "leg_offset",
+    "ceiling_m": "leg_offset",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class TrackBatch:
     """n tracks as arrays; waypoints and outlines are concatenated, track i has [offset[i], offset[i + 1]).
 
+    Digests have the columns in this order.
+
     track_id, version : (n,) int64
-    waypoint_offset : (n + 1,) int64
+    waypoint_offset, outline_offset, outlines_offset : (n + 1,) int64
+    grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
+    numbers : (n, k) int64, numbers of the values of NUMBERED, 0 without
     positions_deg : (w, 2) float64, longitude and latitude
     times_us : (w,) int64
-    outline_offset : (n + 1,) int64
-    outline_m : (v, 2) float64, starboard and forward
-    floor_m, ceiling_m : (w - n, 2) float64, at both ends of each leg, -inf and +inf where unbounded
-    grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
-    outlines_offset : (n + 1,) int64
-    outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
-    tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
-    numbers : (n, k) int64, numbers of the values of NUMBERED, 0 without
     departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
+    outline_m : (v, 2) float64, starboard and forward
+    outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
+    floor_m, ceiling_m : (w - n, 2) float64, at both ends of each leg, -inf and +inf where unbounded
+    tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
     legs : the legs of all tracks in the scene's plane; None: not computed
     """
 
     track_id: NDArray[np.int64]
     version: NDArray[np.int64]
     waypoint_offset: NDArray[np.int64]
+    outline_offset: NDArray[np.int64]
+    outlines_offset: NDArray[np.int64]
+    grow_mps: NDArray[np.float64]
+    numbers: NDArray[np.int64]
     positions_deg: NDArray[np.float64]
     times_us: NDArray[np.int64]
-    outline_offset: NDArray[np.int64]
+    departs: Activations
     outline_m: NDArray[np.float64]
+    outlines_m: NDArray[np.float64]
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
-    grow_mps: NDArray[np.float64]
-    outlines_offset: NDArray[np.int64]
-    outlines_m: NDArray[np.float64]
     tolerances: NDArray[np.object_]
-    numbers: NDArray[np.int64]
-    departs: Activations
     legs: Legs | None = None
 
     def __len__(self) -> int:
@@ -251,41 +262,40 @@ class TrackBatch:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the tracks of some rows."""
-        legs = ragged_rows(self.waypoint_offset - np.arange(len(self) + 1), rows)[1]
-        positions_deg, waypoint_offset = ragged_take(self.waypoint_offset, self.positions_deg, rows)
-        outline_m, outline_offset = ragged_take(self.outline_offset, self.outline_m, rows)
-        outlines_m, outlines_offset = ragged_take(self.outlines_offset, self.outlines_m, rows)
-        return type(self)(
-            self.track_id[rows],
-            self.version[rows],
-            waypoint_offset,
-            positions_deg,
-            self.times_us[ragged_rows(self.waypoint_offset, rows)[1]],
-            outline_offset,
-            outline_m,
-            self.floor_m[legs],
-            self.ceiling_m[legs],
-            self.grow_mps[rows],
-            outlines_offset,
-            outlines_m,
-            self.tolerances[rows],
-            self.numbers[rows],
-            self.departs.take(rows),
-        )
+        taken = {name: ragged_rows(getattr(self, name), rows) for name in dict.fromkeys(_RAGGED.values())}
+        columns: dict[str, Any] = {}
+        for name, values in self.columns():
+            if name in taken:
+                columns[name] = taken[name][0]
+            elif isinstance(values, Activations):
+                columns[name] = values.take(rows)
+            else:
+                columns[name] = values[taken[_RAGGED[name]][1] if name in _RAGGED else rows]
+        return type(self)(**columns)
+
+    @property
+    def leg_offset(self) -> NDArray[np.int64]:
+        """Return the offsets (n + 1,) of the legs of tracks."""
+        return self.waypoint_offset - np.arange(len(self) + 1)
+
+    def columns(self) -> Iterator[tuple[str, Any]]:
+        """Yield the columns but `legs`, with their names."""
+        return ((column.name, getattr(self, column.name)) for column in fields(self) if column.name != "legs")
+
+    def offset_of(self, name: str) -> NDArray[np.int64] | None:
+        """Return the offsets (n + 1,) of tracks in a column, None for one row each."""
+        return getattr(self, _RAGGED[name]) if name in _RAGGED else None
 
     def followed_by(self, other: "TrackBatch") -> "TrackBatch":
         """Return these tracks, then others."""
         columns: dict[str, Any] = {}
-        for column in fields(self):
-            if column.name == "legs":
-                continue
-            first, second = getattr(self, column.name), getattr(other, column.name)
+        for (name, first), (_, second) in zip(self.columns(), other.columns(), strict=True):
             if isinstance(first, Activations):
-                columns[column.name] = first.followed_by(second)
-            elif column.name.endswith("_offset"):
-                columns[column.name] = followed_by([first, second])
+                columns[name] = first.followed_by(second)
+            elif name in _RAGGED.values():
+                columns[name] = followed_by([first, second])
             else:
-                columns[column.name] = np.concatenate([first, second])
+                columns[name] = np.concatenate([first, second])
         return TrackBatch(**columns)
 
     @classmethod
@@ -306,21 +316,21 @@ class TrackBatch:
         tolerances = np.empty(len(tracks), dtype=object)
         tolerances[:] = [track.tolerances for track in tracks]
         return cls(
-            np.arange(len(tracks), dtype=np.int64),
-            np.ones(len(tracks), dtype=np.int64),
-            waypoint_offset,
-            stacked([t.positions_deg for t in tracks]),
-            np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
-            offsets([len(t.outline_m) for t in tracks]),
-            stacked([t.outline_m for t in tracks]),
-            floor_m,
-            ceiling_m,
-            np.array([t.grow_mps for t in tracks], dtype=np.float64),
-            offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
-            stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
-            tolerances,
-            numbers_of_plans(TRACK, tracks),
-            _departures([] if once else tracks, np.array([t.times_us[0] for t in tracks], np.int64)),
+            track_id=np.arange(len(tracks), dtype=np.int64),
+            version=np.ones(len(tracks), dtype=np.int64),
+            waypoint_offset=waypoint_offset,
+            outline_offset=offsets([len(t.outline_m) for t in tracks]),
+            outlines_offset=offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
+            grow_mps=np.array([t.grow_mps for t in tracks], dtype=np.float64),
+            numbers=numbers_of_plans(TRACK, tracks),
+            positions_deg=stacked([t.positions_deg for t in tracks]),
+            times_us=np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
+            departs=_departures([] if once else tracks, np.array([t.times_us[0] for t in tracks], np.int64)),
+            outline_m=stacked([t.outline_m for t in tracks]),
+            outlines_m=stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
+            floor_m=floor_m,
+            ceiling_m=ceiling_m,
+            tolerances=tolerances,
         )
 
     def departing(self, tracks: Sequence[Track]) -> Self:

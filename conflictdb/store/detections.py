@@ -132,21 +132,21 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
     tolerances = np.empty(len(columns["track_id"]), dtype=object)
     tolerances[:] = [decode_tolerances(one) for one in strings["tolerances"]]
     return TrackBatch(
-        columns["track_id"],
-        columns["version"],
-        waypoint_offset,
-        positions_deg,
-        times_us,
-        outline_offset,
-        outline_m,
-        _leg_heights(_height(columns["floor_m"], -np.inf), strings["floors_m"], waypoint_offset, -np.inf),
-        _leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings_m"], waypoint_offset, np.inf),
-        columns["grow_mps"],
-        outlines_offset,
-        outlines_m,
-        tolerances,
-        _numbers(Kind.TRACK, columns),
-        decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
+        track_id=columns["track_id"],
+        version=columns["version"],
+        waypoint_offset=waypoint_offset,
+        outline_offset=outline_offset,
+        outlines_offset=outlines_offset,
+        grow_mps=columns["grow_mps"],
+        numbers=_numbers(Kind.TRACK, columns),
+        positions_deg=positions_deg,
+        times_us=times_us,
+        departs=decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
+        outline_m=outline_m,
+        outlines_m=outlines_m,
+        floor_m=_leg_heights(_height(columns["floor_m"], -np.inf), strings["floors_m"], waypoint_offset, -np.inf),
+        ceiling_m=_leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings_m"], waypoint_offset, np.inf),
+        tolerances=tolerances,
     )
 
 

@@ -10,12 +10,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.kernel.rows import Bytes, Part, digests
 from conflictdb.model.tolerances import as_members
 
 # Digests are stored with computed conflicts: another key would match no object.
 _KEY: Final = b"what objects are"
+_NUMBERS: Final = ("track_id", "version")
 
 
 def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
@@ -34,29 +35,28 @@ def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
 
 def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
     """Return a digest (n,) of each track."""
-    way, outline, outlines = tracks.waypoint_offset, tracks.outline_offset, tracks.outlines_offset
-    legs = way - np.arange(len(way))
-    # Sorted, as the database gives them in an order of its own.
-    tolerances = [
-        b"" if one is None else json.dumps(as_members(one), sort_keys=True).encode() for one in tracks.tolerances
-    ]
     # The counts make the concatenation unambiguous.
-    counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines, tracks.departs.offset)])
-    return _digests(
-        [
-            _fixed(counts),
-            _fixed(tracks.grow_mps[:, None]),
-            _fixed(tracks.numbers),
-            _ragged(tracks.positions_deg, way),
-            _ragged(tracks.times_us, way),
-            _ragged(tracks.departs.at_us, tracks.departs.offset),
-            _ragged(tracks.outline_m, outline),
-            _ragged(tracks.outlines_m, outlines),
-            _ragged(tracks.floor_m, legs),
-            _ragged(tracks.ceiling_m, legs),
-            (np.frombuffer(b"".join(tolerances), np.uint8), np.cumsum([0, *map(len, tolerances)])),
-        ]
-    )
+    counts, parts = [], []
+    for name, values in tracks.columns():
+        offset = tracks.offset_of(name)
+        if name.endswith("_offset"):
+            counts.append(np.diff(values))
+        elif isinstance(values, Activations):
+            parts.append(_ragged(values.at_us, values.offset))
+        elif offset is not None:
+            parts.append(_ragged(values, offset))
+        elif values.dtype == object:
+            parts.append(_members(values))
+        elif name not in _NUMBERS:
+            parts.append(_fixed(np.column_stack([values])))
+    counts.append(np.diff(tracks.departs.offset))
+    return _digests([_fixed(np.column_stack(counts)), *parts])
+
+
+def _members(tolerances: NDArray[np.object_]) -> Part:
+    # Sorted, as the database gives them in an order of its own.
+    texts = [b"" if one is None else json.dumps(as_members(one), sort_keys=True).encode() for one in tolerances]
+    return np.frombuffer(b"".join(texts), np.uint8), np.cumsum([0, *map(len, texts)])
 
 
 def _digests(parts: list[Part]) -> NDArray[np.int64]:
