@@ -11,8 +11,8 @@ columns it has, and what it has for each:
 
 Columns: all `columns`; `answers`, whose change makes a new version; `plain`, of the forms but OWN; of these `numbers`,
 `strings`, the others, `texts` and `documents`; `numbered`, which detections read as 64-bit numbers; `measures`, numbers
-of which batches have arrays; `bytes`, shapes and lists; `alone`, of no other kind; `values`, plain but documents, and
-one member of scene files; `checked`, whose rule needs no other column.
+of which batches have arrays; `bytes`, shapes and lists; `few`, which few plans have; `alone`, of no other kind;
+`values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column.
 WORDS below has the words that are replaced. Items are joined by commas, unless each begins or ends with a comma or
 another sign of its own. A test says when a list is out of date (tests/unit/test_plan_columns.py).
 """
@@ -24,8 +24,11 @@ from pathlib import Path
 from typing import Final
 
 from conflictdb.arrays.column_numbers import NUMBERED, measures
+from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW
 from conflictdb.model.plan_columns import (
+    AREA,
     PLAN_COLUMNS,
+    TRACK,
     Form,
     PlanColumn,
     bytes_columns,
@@ -34,6 +37,7 @@ from conflictdb.model.plan_columns import (
 )
 from conflictdb.model.rules import KINDS
 
+FEW: Final = {AREA: AREA_FEW, TRACK: TRACK_FEW}
 SQL: Final = Path(__file__).resolve().parents[1] / "sql"
 _LIST: Final = re.compile(
     r"^(?P<indent> *)/\* (?P<kind>area|track|plan) (?P<which>[a-z]+): (?P<item>[^*]+?) \*/\n"
@@ -164,6 +168,7 @@ WORDS: Final[dict[str, Callable[[PlanColumn], str]]] = {
     "PARAMETER": _parameter,
     "JSON": lambda one: "'number'" if one.form is Form.NUMBER else "'string'",
     "KIND": lambda one: "NULL" if len(one.kinds) > 1 else str(KINDS.index(min(one.kinds))),
+    "ABSENT": lambda one: "IS NULL" if one.absent is None else f"= {one.default}",
     "DOC": lambda one: "'" + one.doc.replace("'", "''") + "'",
     "TEMPORARY": lambda one: _STAGED_AS.get(one.name, f"{one.name} {one.sql}"),
 }
@@ -203,6 +208,9 @@ def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
         return iter(NUMBERED[kind])
     if which == "measures":
         return measures(kind)
+    if which == "few":
+        names = {name for few in FEW[kind] for name in few.fields}
+        return (one for one in columns_of(kind) if one.field in names)
     if which == "bytes":
         return bytes_columns(kind)
     if which == "checked":

@@ -274,16 +274,25 @@ COMMENT ON FUNCTION _in_microseconds(geometry) IS
 'Inlined into expressions.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_steady(
-    p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb,
-    p_departures timestamptz[], p_schedule jsonb, p_grow_mps double precision
+    /* track few: p_NAME TYPE */
+    p_grow_mps double precision, p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[],
+    p_tolerances jsonb, p_departures timestamptz[], p_schedule jsonb
+    /* end */
 ) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT p_outlines IS NULL AND p_floors_m IS NULL AND p_ceilings_m IS NULL AND p_tolerances IS NULL
-           AND p_departures IS NULL AND p_schedule IS NULL AND p_grow_mps = 0;
+    SELECT true
+           /* track few: AND p_NAME ABSENT */
+           AND p_grow_mps = 0 AND p_outlines IS NULL AND p_floors_m IS NULL AND p_ceilings_m IS NULL
+           AND p_tolerances IS NULL AND p_departures IS NULL AND p_schedule IS NULL
+           /* end */
+    ;
 END;
-COMMENT ON FUNCTION _is_steady(geometry, double precision[], double precision[], jsonb, timestamptz[], jsonb,
-                               double precision) IS
+COMMENT ON FUNCTION _is_steady(
+    /* track few: TYPE */
+    double precision, geometry, double precision[], double precision[], jsonb, timestamptz[], jsonb
+    /* end */
+) IS
 'Whether a track makes one voyage as planned, with one haven between two heights, so that _tracks_inserted checks it. '
 'Inlined into expressions.';
 
@@ -321,8 +330,12 @@ DECLARE
     v_widest geometry;
 BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = p_track.scene_id;
-    IF _is_steady(p_track.outlines, p_track.floors_m, p_track.ceilings_m, p_track.tolerances, p_track.departures,
-                  p_track.schedule, p_track.grow_mps)
+    IF _is_steady(
+           /* track few: p_track.NAME */
+           p_track.grow_mps, p_track.outlines, p_track.floors_m, p_track.ceilings_m, p_track.tolerances,
+           p_track.departures, p_track.schedule
+           /* end */
+       )
        AND _is_usual_course(p_track.path, p_track.outline, v_scene.motion, _limit('max_waypoints'),
                             _limit('max_speed_kn')) THEN
         RETURN;
@@ -429,8 +442,11 @@ DECLARE
 BEGIN
     -- As in _area_before; _tracks_inserted checks paths and havens.
     IF TG_OP = 'INSERT' AND NEW.first_version = 0 AND current_setting('session_replication_role') <> 'replica'
-       AND _is_steady(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures, NEW.schedule,
-                      NEW.grow_mps)
+       AND _is_steady(
+           /* track few: NEW.NAME */
+           NEW.grow_mps, NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures, NEW.schedule
+           /* end */
+       )
        AND NEW.schedule_error IS NULL AND NEW.path IS NOT NULL AND NEW.outline IS NOT NULL
        AND NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
        AND (NEW.class NOT IN ('area', 'track')) IS NOT FALSE
@@ -584,7 +600,11 @@ DECLARE
 BEGIN
     FOR v_track IN
         SELECT r.* FROM new_rows r LEFT JOIN scene s ON s.scene_id = r.scene_id
-        WHERE _is_steady(r.outlines, r.floors_m, r.ceilings_m, r.tolerances, r.departures, r.schedule, r.grow_mps)
+        WHERE _is_steady(
+                  /* track few: r.NAME */
+                  r.grow_mps, r.outlines, r.floors_m, r.ceilings_m, r.tolerances, r.departures, r.schedule
+                  /* end */
+              )
           AND r.first_version = r.version
           AND _is_usual_course(r.path, r.outline, s.motion, v_max_waypoints, v_max_speed_kn) IS NOT TRUE
         ORDER BY r.track_id
