@@ -364,25 +364,21 @@ ANNOTATIONS: Final = {
 }
 
 
-# Columns of plans of types that need more than their annotation.
+# Columns of plans whose shape, or value of plans without, their type does not say.
 MAPPED: Final = {
     "footprint": 'WKBElement] = mapped_column(_geometry("MULTIPOLYGON"))',
     "path": 'WKBElement] = mapped_column(_geometry("LINESTRINGM"))',
     "outline": 'WKBElement] = mapped_column(_geometry("POLYGON", srid=_METRES))',
     "outlines": 'WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))',
     "active_span": "Range[datetime]] = mapped_column(server_default=FetchedValue())",
-    "properties": "dict[str, Any]] = mapped_column(server_default=FetchedValue())",
-    "grow_mps": "float] = mapped_column(server_default=FetchedValue())",
-    "floors_m": "list[float | None] | None]",
-    "ceilings_m": "list[float | None] | None]",
-    "activations": "Sequence[Range[datetime]] | None]",
-    "departures": "list[datetime] | None]",
 }
-PLAIN: Final = {
-    plan_columns.Form.TEXT: "str | None]",
-    plan_columns.Form.WORD: "str | None]",
-    plan_columns.Form.NUMBER: "float | None]",
-    plan_columns.Form.DOCUMENT: "dict[str, Any] | None]",
+OF_TYPE: Final = {
+    "text": "str",
+    "double precision": "float",
+    "jsonb": "dict[str, Any]",
+    "double precision[]": "list[float | None]",
+    "tstzmultirange": "Sequence[Range[datetime]]",
+    "timestamptz[]": "list[datetime]",
 }
 
 
@@ -417,7 +413,8 @@ def _mapped_settings(default: str) -> str:
 def _mapped_plan(column: plan_columns.PlanColumn) -> str:
     is_reserved = keyword.iskeyword(column.name)
     name = column.field if is_reserved else column.name
-    mapped = MAPPED.get(column.name) or PLAIN[column.form]
+    rest = " | None]" if column.default == "NULL" else "] = mapped_column(server_default=FetchedValue())"
+    mapped = MAPPED.get(column.name) or OF_TYPE[column.sql] + rest
     return f"    {name}: Mapped[{mapped}" + (f' = mapped_column("{column.name}")' if is_reserved else "") + "\n"
 
 
