@@ -18,12 +18,14 @@ from typing import Final, NamedTuple
 from conflictdb.model.plan_columns import PLAN_COLUMNS
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-# Seven of the 17 columns, as docs/explanation/architecture.md counts them.
 AT_LEAST: Final = 7
 # The column of each name; both shapes count as one.
 _OF_NAME: Final = {
     **{name: one.name for one in PLAN_COLUMNS for name in (one.name, *one.python) if name != "name"},
-    **{"span_start": "active_span", "spans": "activations", "floors": "floors_m", "ceilings": "ceilings_m"},
+    "span_start": "active_span",
+    "spans": "activations",
+    "floors": "floors_m",
+    "ceilings": "ceilings_m",
     **dict.fromkeys(("footprint", "path", "geometry", "positions_deg", "times_us"), "shape"),
 }
 # Ordinary words of Python.
@@ -32,7 +34,9 @@ _LIST: Final = re.compile(r"^ */\* (area|track|plan) [a-z]+:.*?^ */\* end \*/$",
 _MADE: Final = re.compile(r"^    # Made by docs/generate\.py\.\n(    .*\n)*", re.MULTILINE)
 _STATEMENT: Final = re.compile(r"^(?=(?:CREATE|COMMENT|DO|ALTER|INSERT|GRANT|REVOKE|DROP|SELECT)\b)", re.MULTILINE)
 _ROUTINE: Final = re.compile(r"(?:FUNCTION|PROCEDURE) (?:\w+\.)?(\w+)")
-_OF_PAGE: Final = re.compile(r"^(?=(?:export |async |function |const |class ))", re.MULTILINE)
+_OF_PAGE: Final = re.compile(
+    r"^(?=(?:export |async |function |const |class |  (?:static |async |get )?#?\w+\([^)]*\) \{$))", re.MULTILINE
+)
 
 
 class Spelling(NamedTuple):
@@ -58,16 +62,21 @@ _IN_SQL: Final = _pattern(iter(_OF_NAME))
 _IN_PYTHON: Final = _pattern(name for name in _OF_NAME if name not in _NOT_IN_PYTHON)
 
 
+def columns_named(text: str, *, in_python: bool) -> tuple[str, ...]:
+    """Return the columns that a text names, each once."""
+    return tuple(sorted({_OF_NAME[found] for found in (_IN_PYTHON if in_python else _IN_SQL).findall(text)}))
+
+
 def _without(lines: re.Pattern[str], text: str) -> str:
     """Return a text without what a pattern matches, with the same number of lines."""
     return lines.sub(lambda found: "\n" * found[0].count("\n"), text)
 
 
-def _python_blocks(text: str) -> Iterator[tuple[str, int, str]]:
+def blocks_of_python(text: str) -> Iterator[tuple[str, int, str]]:
+    """Yield name, line and code of each block."""
     tree, lines = ast.parse(text), [re.sub(r"#.*", "", line) for line in text.splitlines()]
     for node in ast.walk(tree):
-        documented = isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and ast.get_docstring(node)
-        if documented:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and ast.get_docstring(node):
             for row in range(node.body[0].lineno - 1, node.body[0].end_lineno or 0):
                 lines[row] = ""
 
@@ -88,14 +97,14 @@ def _python_blocks(text: str) -> Iterator[tuple[str, int, str]]:
 def _blocks(path: Path) -> Iterator[tuple[str, int, str]]:
     text = path.read_text()
     if path.suffix == ".py":
-        yield from _python_blocks(_without(_MADE, text))
+        yield from blocks_of_python(_without(_MADE, text))
         return
     text = re.sub(r"--.*", "", _without(_LIST, text)) if path.suffix == ".sql" else re.sub(r"//.*", "", text)
     line = 1
     for part in (_STATEMENT if path.suffix == ".sql" else _OF_PAGE).split(text):
         if not part.startswith("COMMENT"):
-            routine = _ROUTINE.search(part.partition("\n")[0]) or re.search(r"(?:function|const|class) (\w+)", part)
-            yield routine[1] if routine else part[:20].split("\n")[0], line, part
+            routine = _ROUTINE.search(part.partition("\n")[0]) or re.search(r"(\w+)\(|(\w+) =", part)
+            yield next(filter(None, routine.groups())) if routine else "", line, part
         line += part.count("\n")
 
 
@@ -103,15 +112,14 @@ def spellings(at_least: int = AT_LEAST) -> Iterator[Spelling]:
     """Yield the places that name at least so many columns of a plan."""
     folders = ("conflictdb/**/*.py", "docs/*.py", "sql/*.sql", "conflictdb/map/page/**/*.js")
     for path in (path for one in folders for path in sorted(ROOT.glob(one))):
-        pattern = _IN_PYTHON if path.suffix == ".py" else _IN_SQL
         for block, line, text in _blocks(path):
-            columns = sorted({_OF_NAME[found] for found in pattern.findall(text)})
+            columns = columns_named(text, in_python=path.suffix == ".py")
             if len(columns) >= at_least:
-                yield Spelling(str(path.relative_to(ROOT)), block, line, tuple(columns))
+                yield Spelling(str(path.relative_to(ROOT)), block, line, columns)
 
 
 if __name__ == "__main__":
     found = list(spellings(int(sys.argv[1]) if len(sys.argv) > 1 else AT_LEAST))
     for one in found:
-        print(f"{one.file}:{one.line} {one.block}: {', '.join(one.columns)}")
-    print(len(found), "places in", len({one.file for one in found}), "files")
+        sys.stdout.write(f"{one.file}:{one.line} {one.block}: {', '.join(one.columns)}\n")
+    sys.stdout.write(f"{len(found)} places in {len({one.file for one in found})} files\n")
