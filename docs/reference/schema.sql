@@ -1361,7 +1361,7 @@ FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
-    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, activations bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _areas_inserted()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1510,10 +1510,10 @@ FUNCTION _centre_of_objects(p_scene_id bigint, OUT centre_lon double precision, 
 FUNCTION _change_attachment(p_attachment attachment, p_changes jsonb, p_to regclass, p_every interval)
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
+FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT activations bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
+FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
@@ -1981,7 +1981,7 @@ FUNCTION _is_same_area(p_a area, p_b area)
 FUNCTION _is_same_track(p_a track, p_b track)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _is_steady(p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb, p_departures timestamp with time zone[], p_schedule jsonb, p_grow_mps double precision)
+FUNCTION _is_steady(p_grow_mps double precision, p_outlines geometry, p_floors_m double precision[], p_ceilings_m double precision[], p_tolerances jsonb, p_departures timestamp with time zone[], p_schedule jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _is_usual_course(p_path geometry, p_outline geometry, p_motion text, p_max_waypoints double precision, p_max_speed_kn double precision)
@@ -2383,10 +2383,10 @@ FUNCTION _radius_m(p_plane text)
 FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea, OUT spans bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT schedule text)
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea, OUT activations bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT schedule text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT tolerances text, OUT schedule text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT departures bytea, OUT key text, OUT properties text, OUT name text, OUT class text, OUT owner text, OUT tolerances text, OUT schedule text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -2614,10 +2614,10 @@ FUNCTION _sides(p_a_class text, p_b_class text, OUT rank integer, OUT first text
 FUNCTION _silent_after_s()
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
+FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT activations bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _span_later(p_span tstzrange, p_by_s double precision)
@@ -2714,7 +2714,7 @@ FUNCTION _track_reach_m(p_track track)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
-    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors_m bytea, ceilings_m bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _track_span(p_track track)
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;

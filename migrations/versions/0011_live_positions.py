@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4f182cafcdc2485a4dd66431f8401987eb0bf43f34b6d86f99c31610f96921b4"
+routines_sha256 = "9b4722a6f9b11f2dcda51b525aa8b717abae86e1664263a7214c65b2f1303769"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
