@@ -161,9 +161,12 @@ BEGIN
     END IF;
     v_former := (SELECT l.seen FROM position_look l);
     -- The first look, and the first of a restored database, which counts its transactions from 1: it reads all
-    -- positions again, which changes nothing.
-    IF v_former IS NULL OR pg_snapshot_xmax(v_former) > pg_snapshot_xmax(pg_current_snapshot()) THEN
+    -- positions again, which changes nothing. Those of later transactions than there are become its own: else each look
+    -- would read them.
+    IF pg_snapshot_xmax(v_former) = '1' OR pg_snapshot_xmax(v_former) > pg_snapshot_xmax(pg_current_snapshot()) THEN
         v_former := '1:1:';
+        UPDATE position SET transaction_id = pg_current_xact_id()
+            WHERE transaction_id > pg_current_xact_id();
     END IF;
     -- Under READ COMMITTED each statement has a snapshot of its own: what is noted as seen is older than what is read,
     -- and what is read twice changes nothing.
@@ -189,19 +192,37 @@ COMMENT ON FUNCTION _new_positions() IS
 'Positions committed since the last look, in the order of their instants, with the track that has their key; none '
 'while another session looks. The transaction must end after what follows from them is stored.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_old_slot(p_slot integer, p_until timestamptz) RETURNS boolean
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_is_old boolean;
+BEGIN
+    EXECUTE format('SELECT EXISTS (SELECT FROM position_%1$s) '
+                   'AND NOT EXISTS (SELECT FROM position_%1$s WHERE received_at > $1)', p_slot)
+        INTO v_is_old USING p_until;
+    RETURN v_is_old;
+END
+$$;
+COMMENT ON FUNCTION _is_old_slot(integer, timestamptz) IS
+'Whether a partition of positions has some, all received until an instant.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_positions() RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_until timestamptz := clock_timestamp() - _interval_set('positions_kept', '24 hours', '72 hours');
     v_slot integer;
-    v_is_old boolean;
     v_emptied integer := 0;
 BEGIN
     FOR v_slot IN 0..7 LOOP
-        EXECUTE format('SELECT EXISTS (SELECT FROM position_%1$s) '
-                       'AND NOT EXISTS (SELECT FROM position_%1$s WHERE received_at > $1)', v_slot)
-            INTO v_is_old USING v_until;
-        IF v_is_old THEN
+        CONTINUE WHEN NOT _is_old_slot(v_slot, v_until);
+        BEGIN
+            -- A backup may read a partition for hours: looks must not wait for it.
+            EXECUTE format('LOCK TABLE position_%s IN ACCESS EXCLUSIVE MODE NOWAIT', v_slot);
+        EXCEPTION WHEN lock_not_available THEN
+            CONTINUE;
+        END;
+        -- Its half day may have come round again just now.
+        IF _is_old_slot(v_slot, v_until) THEN
             EXECUTE format('TRUNCATE position_%s', v_slot);
             v_emptied := v_emptied + 1;
         END IF;
@@ -211,7 +232,8 @@ END
 $$;
 COMMENT ON FUNCTION _prune_positions() IS
 'Empties the partitions of positions that were all received longer ago than the setting conflictdb.positions_kept says '
-'(24 hours); returns their number. Workers do this every ten minutes.';
+'(24 hours); returns their number. One that a session reads or writes waits for the next time. Workers do this every '
+'ten minutes.';
 
 COMMENT ON TABLE position IS
 'Positions of tracks, as feeds report them: insert or copy rows of scene, key, instant, place, and, each where known, '

@@ -1,0 +1,246 @@
+"""Positions while all else happens: backups, restores, other names, branches, attached tables, two workers."""
+
+import threading
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from psycopg.pq import TransactionStatus
+
+from conflictdb import InvalidInput, Scene, Track, connect, rectangle_outline_m, store
+from conflictdb.jobs import detect
+from conflictdb.jobs.looks import Looks
+from conflictdb.jobs.worker import Worker
+
+Conn = psycopg.Connection[Any]
+BEGAN = datetime.now(UTC).replace(microsecond=0) - timedelta(minutes=30)
+OLD = """
+INSERT INTO conflictdb.position (scene, key, instant, place, received_at, slot)
+SELECT 's', 'FERRY', now(), 'SRID=4326;POINT(0 0)', {},
+       (floor(extract(epoch FROM now()) / 43200)::bigint + 4) % 8 RETURNING slot
+"""
+
+
+def us(minute: float) -> int:
+    return int((BEGAN + timedelta(minutes=minute)).timestamp() * 1e6)
+
+
+def plans() -> list[Track]:
+    """Return a ferry that passes a crossing 10 minutes before a tow, both at a mile a minute."""
+    side = rectangle_outline_m(500, 500, 500, 500)
+    ferry = Track("FERRY", [(0.0, 0.0), (1.0, 0.0)], [us(0), us(60)], side)
+    return [ferry, Track("TOW", [(0.5, -0.5), (0.5, 0.5)], [us(10), us(70)], side)]
+
+
+@pytest.fixture
+def sea(conn: Conn) -> Conn:
+    store.replace_scene(conn, Scene("s", delays_within_s=3600), [], plans(), merge=False)
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    return conn
+
+
+def late(conn: Conn, scene: str = "s", key: str = "FERRY", minute: float = 28.0) -> None:
+    """Insert a position that is 10 minutes late, and commit."""
+    conn.execute(
+        "INSERT INTO conflictdb.position (scene, key, instant, place) "
+        "VALUES (%s, %s, %s, ST_SetSRID(ST_MakePoint(%s, 0), 4326))",
+        [scene, key, BEGAN + timedelta(minutes=minute), (minute - 10) / 60],
+    )
+    conn.commit()
+
+
+def look(conn: Conn, minute: float = 28.0) -> dict[tuple[str, str, str | None], str]:
+    """Look as a worker does; return the verdicts of alarms."""
+    Looks().look(conn, us(minute), is_silence_due=True)
+    rows = conn.execute("SELECT scene, key, other_key, verdict FROM conflictdb.live_conflicts").fetchall()
+    conn.commit()
+    return {row[:3]: row[3] for row in rows}
+
+
+MEET = {("s", "FERRY", "TOW"): "must"}
+
+
+@pytest.mark.parametrize("ahead", ["seen too", "not a look yet"])
+def test_positions_of_a_restored_database_are_read_once(sea: Conn, ahead: str) -> None:
+    """A restore keeps numbers of transactions, which may be larger than all of the new server."""
+    late(sea)
+    assert look(sea) == MEET
+    sea.execute("UPDATE conflictdb.position SET transaction_id = '9000000000'")
+    if ahead == "seen too":
+        sea.execute("UPDATE conflictdb.position_look SET seen = '9000000001:9000000001:'")
+    else:
+        sea.execute("DELETE FROM conflictdb.position_look")
+    sea.commit()
+    read = []
+    for _ in range(3):
+        read.append(len(store.new_positions(sea)))
+        sea.commit()
+    assert read[0] == 1
+    assert read[2] == 0
+    late(sea, minute=29.0)
+    assert len(store.new_positions(sea)) == 1
+    sea.rollback()
+    assert look(sea) == MEET
+
+
+def test_workers_may_read_a_restored_database(sea: Conn) -> None:
+    late(sea)
+    sea.execute("UPDATE conflictdb.position SET transaction_id = '9000000000'")
+    sea.execute("SET ROLE conflictdb_worker")
+    assert len(store.new_positions(sea)) == 1
+    sea.rollback()
+
+
+@pytest.mark.parametrize("who", ["a backup that reads", "a feed that writes"])
+def test_old_positions_in_use_stay_for_now(sea: Conn, dsn: str, who: str) -> None:
+    """A look waits for no backup, and a position that comes as its half day begins again is kept."""
+    (slot,) = sea.execute(OLD.format("now() - interval '3 days'").encode()).fetchone() or ()
+    sea.commit()
+    with psycopg.connect(dsn) as other:
+        other.execute(f"SELECT FROM conflictdb.position_{slot}".encode() if who.endswith("reads") else
+                      OLD.format("now()").encode())  # fmt: skip
+        sea.execute("SET statement_timeout = '20s'")
+        assert sea.execute("SELECT conflictdb_internal._prune_positions()").fetchone() == (0,)
+        sea.commit()
+        other.commit()
+    emptied = 1 if who.endswith("reads") else 0
+    assert sea.execute("SELECT conflictdb_internal._prune_positions()").fetchone() == (emptied,)
+    assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (2 - 2 * emptied,)
+
+
+def test_names_of_scenes_change(sea: Conn) -> None:
+    """Positions and alarms stay with the scene; a copy has none; its old name is nobody's."""
+    late(sea)
+    assert look(sea) == MEET
+    with connect(sea) as db:
+        db.scene("s").copy("twin")
+        db.scene("s").rename("t")
+    assert look(sea) == {("t", "FERRY", "TOW"): "must"}
+    with pytest.raises(psycopg.Error, match="scene 's': name: is not in this database"):
+        late(sea)
+    sea.rollback()
+    late(sea, "t", minute=28.5)
+    assert look(sea, 28.5) == {("t", "FERRY", "TOW"): "must"}
+    late(sea, "twin", minute=28.5)
+    with connect(sea) as db:
+        db.scene("twin").detect()
+    assert look(sea, 28.5) == {("t", "FERRY", "TOW"): "must", ("twin", "FERRY", "TOW"): "must"}
+
+
+def test_branches_have_no_positions_and_change_what_follows_when_merged(sea: Conn) -> None:
+    late(sea)
+    assert look(sea) == MEET
+    with connect(sea) as db:
+        branch = db.scene("s").branch("b")
+        with pytest.raises(psycopg.Error, match="is a branch, which has no positions: give them to its parent"):
+            late(sea, "b")
+        sea.rollback()
+        tow = plans()[1]
+        branch.put(Track("TOW", tow.positions_deg, tow.times_us + 1_200_000_000, tow.outline_m))
+        assert look(sea) == MEET
+        branch.merge()
+        db.scene("s").detect()
+    late(sea, minute=28.5)
+    assert look(sea, 28.5) == {}
+
+
+def test_keys_of_attached_plans_change(sea: Conn, dsn: str) -> None:
+    """The state and alarms of the old key end; the new one takes positions."""
+    sea.execute("CREATE TABLE public.fix (id integer, voyage text, at timestamptz, place geometry(Point, 4326))")
+    for track in plans():
+        for (lon, lat), at in zip(track.positions_deg.tolist(), track.times_us.tolist(), strict=True):
+            sea.execute(
+                "INSERT INTO public.fix VALUES (1, %s, to_timestamp(%s), ST_SetSRID(ST_MakePoint(%s, %s), 4326))",
+                [track.key, at / 1e6, lon, lat],
+            )
+    sea.commit()
+    haven = dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"), "500")
+    with connect(sea) as db:
+        store.replace_scene(sea, Scene("s", delays_within_s=3600), [], [], merge=False)
+        sea.commit()
+        db.scene("s").attach("track", "public.fix", {"key": "voyage", "position": "place", "time": "at", **haven})
+        db.scene("s").detect()
+        late(sea)
+        assert look(sea) == MEET
+        sea.execute("UPDATE public.fix SET voyage = 'NEW' WHERE voyage = 'FERRY'")
+        sea.commit()
+        db.scene("s").detect()
+        assert look(sea) == {}
+        assert db.scene("s").live() == []
+        with pytest.raises(psycopg.Error, match="position of 'FERRY': key: is not a track"):
+            late(sea, minute=29.0)
+        sea.rollback()
+        late(sea, key="NEW", minute=29.0)
+        assert look(sea, 29.0) == {("s", "NEW", "TOW"): "must"}
+    sea.execute("DROP TABLE public.fix")
+    sea.commit()
+
+
+def test_objects_change_their_keys(sea: Conn) -> None:
+    late(sea)
+    assert look(sea) == MEET
+    with connect(sea) as db:
+        db.scene("s").rename_object("FERRY", "NEW")
+        db.scene("s").detect()
+    late(sea, key="NEW", minute=28.5)
+    assert look(sea, 28.5) == {("s", "NEW", "TOW"): "must"}
+
+
+def test_two_workers_look_at_each_position_once(sea: Conn, dsn: str) -> None:
+    """Each alarm begins once, whoever looks."""
+    stop = threading.Event()
+
+    def work() -> None:
+        with store.connect(dsn) as own:
+            looks = Looks()
+            while not stop.is_set():
+                looks.look(own, us(30), is_silence_due=True)
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for one in threads:
+        one.start()
+    for n in range(60):
+        at = 20.0 + n / 10
+        by = 10 if n // 10 % 2 else 0
+        sea.execute(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', 'FERRY', %s, ST_SetSRID(ST_MakePoint(%s, 0), 4326))",
+            [BEGAN + timedelta(minutes=at), (at - by) / 60],
+        )
+        sea.commit()
+    stop.set()
+    for one in threads:
+        one.join()
+    look(sea, 30)
+    rows = sea.execute("SELECT kind, alarm_id FROM conflictdb.live_events ORDER BY event").fetchall()
+    begun = [number for kind, number in rows if kind == "begun"]
+    assert len(begun) == len(set(begun)) >= 1
+    assert [kind for kind, _ in rows] == (["begun", "ended"] * len(rows))[: len(rows)]
+    assert sea.execute("SELECT instant FROM conflictdb.live").fetchall() == [(BEGAN + timedelta(minutes=25.9),)]
+
+
+def test_bad_positions_leave_a_connection_usable(sea: Conn) -> None:
+    """One sentence for many at once, and nothing half stored."""
+    keys = ["FERRY"] * 20_000 + ["NOBODY"]
+    at_us, lonlat = np.full(len(keys), us(20)), np.zeros((len(keys), 2))
+    with pytest.raises(InvalidInput) as refused, store.transaction(sea):
+        store.insert_positions(sea, "s", keys, at_us, lonlat)
+    assert str(refused.value).startswith("position of 'NOBODY': key: is not a track of scene 's'")
+    assert sea.info.transaction_status == TransactionStatus.IDLE
+    assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (0,)
+
+
+def test_a_worker_goes_on_after_a_backlog(sea: Conn, dsn: str) -> None:
+    """Positions out of order, twice, and of a day ago come in one transaction."""
+    for minute in (29.0, 10.0, 29.0, -1440.0, 28.0):
+        sea.execute(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', 'FERRY', %s, ST_SetSRID(ST_MakePoint(%s, 0), 4326))",
+            [BEGAN + timedelta(minutes=minute), (minute - 10) / 60 if minute > 0 else 100.0],
+        )
+    sea.commit()
+    assert Worker(lambda: store.connect(dsn), lambda *_: None).once()
+    assert sea.execute("SELECT instant FROM conflictdb.live").fetchall() == [(BEGAN + timedelta(minutes=29),)]
