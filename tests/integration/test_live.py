@@ -281,16 +281,43 @@ def test_trackers_insert_positions_and_nothing_else(sea: Conn, dsn: str) -> None
 
 
 def test_fixes_of_another_table_are_passed_on(sea: Conn) -> None:
-    """By the trigger of the how-to page; what has no plan, or is in the future, stays out."""
+    """By the trigger of the how-to page, also of a table that is renamed, and by who has no rights in conflictdb."""
     page = Path(__file__).parents[2] / "docs" / "how-to" / "compare-plans-with-positions.md"
     [trigger] = re.findall(r"```sql\n(CREATE TABLE ais_fix .*?)```", page.read_text(), re.DOTALL)
     plan(sea, "A")
+    owner, feed = (sql.Identifier(f"{name}_{sea.info.dbname}") for name in ("passes", "feed"))
     try:
+        sea.execute(sql.SQL("CREATE ROLE {} IN ROLE conflictdb_reader, conflictdb_tracker").format(owner))
+        sea.execute(sql.SQL("CREATE ROLE {}").format(feed))
         sea.execute("SET search_path TO public")
         sea.execute(trigger.replace("'strait'", "'s'").encode())
-        for key, at in (("A", BEGAN), ("X", BEGAN), ("A", BEGAN + timedelta(days=1))):
-            sea.execute("INSERT INTO ais_fix VALUES (%s, %s, 'SRID=4326;POINT(0 0)')", [key, at])
-        assert sea.execute("SELECT key, instant FROM conflictdb.position").fetchall() == [("A", BEGAN)]
+        sea.execute(sql.SQL("ALTER FUNCTION pass_fixes_on OWNER TO {}").format(owner))
+        sea.execute(sql.SQL("GRANT INSERT ON ais_fix TO {}").format(feed))
+        sea.execute("ALTER TABLE ais_fix RENAME TO fix_of_ships")
+        sea.execute(sql.SQL("SET LOCAL ROLE {}").format(feed))
+        rows = [
+            ("A", BEGAN, "POINT(0 0)"),
+            ("X", BEGAN, "POINT(0 0)"),  # no plan
+            ("A", BEGAN + timedelta(days=1), "POINT(0 0)"),
+            ("A", BEGAN, "POINT(181 91)"),  # not available, in AIS
+            ("A", BEGAN, "POINT(NaN NaN)"),
+            ("A", BEGAN, "POINT EMPTY"),
+            ("A", BEGAN, None),
+            ("A", None, "POINT(0 0)"),
+            (None, BEGAN, "POINT(0 0)"),
+            ("A", BEGAN + timedelta(minutes=1), "POINT(0.1 0)"),
+        ]
+        for key, at, place in rows:
+            sea.execute("INSERT INTO fix_of_ships VALUES (%s, %s, ST_GeomFromText(%s, 4326))", [key, at, place])
+        with sea.cursor() as cursor, cursor.copy("COPY fix_of_ships (mmsi, at, place) FROM STDIN") as to:
+            to.write_row(["A", BEGAN + timedelta(minutes=2), "SRID=4326;POINT(0.2 0)"])
+            to.write_row(["X", BEGAN + timedelta(minutes=2), "SRID=4326;POINT(0.2 0)"])
+        with pytest.raises(psycopg.errors.InsufficientPrivilege), sea.transaction():
+            put(sea, "A", 3, 0.3)
+        sea.execute("RESET ROLE")
+        found = sea.execute("SELECT key, instant FROM conflictdb.position ORDER BY instant").fetchall()
+        assert found == [("A", BEGAN + timedelta(minutes=n)) for n in range(3)]
+        assert sea.execute("SELECT count(*) FROM fix_of_ships").fetchone() == (12,)
     finally:
         sea.rollback()
 
