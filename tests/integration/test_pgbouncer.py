@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,9 @@ from psycopg import conninfo
 from conflictdb import connect, store
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.jobs import detect
+from conflictdb.jobs.looks import Looks
 from conflictdb.jobs.worker import Worker
-from conflictdb.model.plans import Scene
+from conflictdb.model.plans import Scene, Track, rectangle_outline_m
 
 PROGRAM = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
 
@@ -158,6 +160,7 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
             ["approaches", "--scene", "strait"],
             ["export", "--scene", "strait", tmp_path / "strait.geojson"],
             ["worker", "--once"],
+            ["conflicts", "--live", "--scene", "strait"],
             ["status"],
         ):
             done = run(*words)
@@ -169,6 +172,33 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
                     busy.execute("SELECT 1")
                 assert len(db.scene("strait").conflicts()) == 7
                 db.scene("strait").detect(full=turn % 4 == 0)
+
+
+def test_feeds_and_looks_share_the_pool(dsn: str, pooled: str) -> None:
+    """Trackers insert, a worker looks, and readers ask, each in whichever session; no role and no lock stays behind."""
+    began = datetime.now(UTC) - timedelta(minutes=30)
+    plan = Track("A", [(0, 0), (1, 0)], [began, began + timedelta(hours=1)], rectangle_outline_m(500, 500, 500, 500))
+    with connect(pooled) as db, psycopg.connect(pooled) as feed, psycopg.connect(pooled) as busy:
+        store.replace_scene(db.connection, Scene("s"), [], [plan], merge=False)
+        db.connection.commit()
+        looks = Looks()
+        put = (
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', %s, %s, ST_SetSRID(ST_MakePoint(%s, 0), 4326))"
+        )
+        for turn in range(12):  # statements are prepared from the sixth on
+            busy.rollback()
+            if turn % 2:
+                busy.execute("SELECT 1")
+            at = began + timedelta(minutes=turn + 1)
+            with feed.transaction():
+                feed.execute("SET LOCAL ROLE conflictdb_tracker")
+                feed.execute(put, ["A", at, (turn + 1) / 60])
+            with pytest.raises(psycopg.Error, match="is not a track"):
+                feed.execute(put, ["X", at, 0])
+            feed.rollback()
+            assert looks.look(db.connection, round(1e6 * at.timestamp()), is_silence_due=True) == 1
+            assert [(one.state, one.instant) for one in db.scene("s").live()] == [("on plan", at)]
 
 
 @pytest.mark.parametrize("how", ["connection", "engine"])
