@@ -1,6 +1,6 @@
 """Replay recorded traffic against plans made of it: whether alarms are right, and how many there are.
 
-    ./.venv/bin/python benchmarks/live_replays.py [skagerrak] [switzerland] [--target DSN]
+    ./.venv/bin/python benchmarks/live_replays.py [skagerrak] [switzerland] [--hours 3] [--target DSN]
 
 A plan is every twentieth fix of a ship of the Skagerrak hour, or of a flight of the Swiss day, in a corridor, and
 earlier by a lateness of its own; positions are all fixes, at their instants. Each step of the recorded time is a look
@@ -17,7 +17,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,11 @@ class Recorded:
             )
             plans.append(later(plan, -int(rng.choice(LATENESSES_MIN)) * MINUTE_US))
         return plans
+
+    def first(self, hours: float) -> "Recorded":
+        """Return those of its tracks that begin in the first hours."""
+        until_us = min(int(one.times_us[0]) for one in self.tracks) + 3.6e9 * hours
+        return replace(self, tracks=[one for one in self.tracks if one.times_us[0] < until_us])
 
     def scene(self, name: str) -> Scene:
         """Return its settings."""
@@ -233,11 +238,12 @@ def main() -> None:
     recorded = {"skagerrak": skagerrak, "switzerland": switzerland}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*recorded, []], default=[])
+    parser.add_argument("--hours", type=float, default=np.inf, help="only tracks that begin in the first hours")
     parser.add_argument("--target", metavar="DSN")
     args = parser.parse_args()
     with fresh_database(args.target) as dsn:
         for name in args.names or recorded:
-            print(replayed(dsn, recorded[name]()), flush=True)
+            print(replayed(dsn, recorded[name]().first(args.hours)), flush=True)
 
 
 if __name__ == "__main__":
