@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from conflictdb import Area, InvalidInput, connect, store
+from conflictdb.jobs.looks import Looks
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "flight_blender"
 BEGIN = datetime(2030, 6, 1, 6, tzinfo=UTC)
@@ -33,21 +34,65 @@ class Result:
 class State(IntEnum):
     NotSubmitted = 0
     Accepted = 1
+    Activated = 2
+    Nonconforming = 3
+    Contingent = 4
     Rejected = 8
 
 
+class Server:
+    """The tables of the server, its repositories over them, and its reactions."""
+
+    def __init__(self) -> None:
+        self.flight = SimpleNamespace(id=uuid.UUID(int=1), state=2, operational_intent="")
+        self.last: Any = None
+        self.history: list[tuple[int, int]] = []
+        self.reactions: list[tuple[int, int, str]] = []
+
+    def repository(self, _: object) -> Any:
+        async def overlapping(start: datetime, end: datetime) -> list[Any]:
+            return [self.flight]
+
+        async def note(_: uuid.UUID, original_state: int, new_state: int, notes: str) -> None:
+            self.history.append((original_state, new_state))
+
+        async def update(_: uuid.UUID, state: int) -> None:
+            self.flight.state = state
+
+        async def latest(session_id: uuid.UUID) -> Any:
+            return self.last
+
+        return SimpleNamespace(
+            get_active_declarations_overlapping_time_window=overlapping,
+            add_state_history_entry=note,
+            update=update,
+            get_latest_flight_observation_by_session=latest,
+        )
+
+    def helper(self, _: uuid.UUID, session: object) -> Any:
+        async def react(original_state: int, new_state: int, event: str) -> None:
+            self.reactions.append((original_state, new_state, event))
+
+        return SimpleNamespace(manage_operation_state_transition=react)
+
+
 @pytest.fixture
-def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = "domain_types.common", "domain_types.flight_declarations", "models.flight_declarations_orm"
-    types = [
-        {"OperationStateCode": State},
-        {"DeconflictionRequest": SimpleNamespace, "DeconflictionResult": Result},
-        {"FlightDeclarationORM": SimpleNamespace},
-    ]
-    for name, content in zip(("", "domain_types", "models", *names), [{}, {}, {}, *types], strict=True):
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Server:
+    server = Server()
+    types: dict[str, dict[str, Any]] = {
+        "domain_types.common": {"OperationStateCode": State},
+        "domain_types.flight_declarations": {"DeconflictionRequest": SimpleNamespace, "DeconflictionResult": Result},
+        "models.flight_declarations_orm": {"FlightDeclarationORM": SimpleNamespace},
+        "repositories.flight_declarations_repo": {"SQLAlchemyFlightDeclarationRepository": server.repository},
+        "repositories.flight_feed_repo": {"SQLAlchemyFlightFeedRepository": server.repository},
+        "services.conformance_svc": {"FlightOperationConformanceHelper": server.helper},
+    }
+    for name in ["", *sorted({name.partition(".")[0] for name in types}), *types]:
+        content = types.get(name, {})
         module = ModuleType(f"flight_blender.{name}".rstrip("."))
         vars(module).update(content, __path__=[])
         monkeypatch.setitem(sys.modules, module.__name__, module)
+    return server
 
 
 @pytest.fixture
@@ -139,6 +184,56 @@ def test_a_scene_above_sea_level_takes_no_flights(engine: Any, dsn: str) -> None
     with connect(dsn) as db:
         store.set_scene(db.connection, replace(engine.SCENE, vertical_datum="msl"))
     assert asked(engine, 1, [volume(8.0, 0)]) == Result([], [], False, 8)
+
+
+def test_states_follow_from_positions(
+    stand_ins: Server, engine: Any, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Outside its volumes a flight is nonconforming, and for long contingent; inside again, activated."""
+    monkeypatch.delitem(sys.modules, "conflictdb_states", raising=False)
+    module = importlib.import_module("conflictdb_states")
+    now = datetime.now(UTC).replace(microsecond=0)
+    monkeypatch.setattr(sys.modules[__name__], "BEGIN", now - timedelta(minutes=12))
+    # Volumes one after the other: it is in the second one now.
+    stand_ins.flight.operational_intent = json.dumps({"volumes": [volume(8.0, 0), volume(8.0008, 9)]})
+    with connect(dsn) as db:
+        states, looks = module.States(db), Looks()
+
+        def heard(seconds: int, lng: float, height_m: float = 60.0, *, later_s: int = 0) -> int:
+            """Report a position, look as a worker does, and step again; return the state of the flight."""
+            at = now - timedelta(seconds=100 - seconds)
+            stand_ins.last = SimpleNamespace(created_at=at, longitude_dd=lng, latitude_dd=47.0005, altitude_mm=height_m)
+            step()
+            looks.look(db.connection, round(1e6 * (at.timestamp() + later_s)), is_silence_due=True)
+            step()
+            return int(stand_ins.flight.state)
+
+        def step() -> None:
+            with ThreadPoolExecutor(1) as thread:
+                thread.submit(asyncio.run, states.step(None)).result()
+
+        assert heard(0, 8.0015) == State.Activated
+        assert heard(1, 8.0005) == State.Nonconforming  # in the first volume, which is over
+        assert not asked(engine, 2, [volume(8.005, 9)]).is_approved  # 350 m away, where it may be
+        assert heard(2, 8.0015) == State.Activated
+        assert asked(engine, 2, [volume(8.005, 9)]).is_approved
+        assert heard(3, 8.0015, 100.0) == State.Nonconforming  # too high
+        assert heard(4, 8.0015) == State.Activated
+        assert heard(5, 8.0019) == State.Nonconforming
+        monkeypatch.setattr(module, "CONTINGENT_AFTER_S", 0.0)
+        assert heard(6, 8.0019) == State.Contingent
+        assert heard(7, 8.0015) == State.Contingent  # only its operator ends that
+        stand_ins.flight.state = State.Activated
+        db.connection.execute("SET conflictdb.silent_after = '15 seconds'")
+        db.connection.commit()
+        assert heard(8, 8.0015) == State.Activated
+        assert heard(9, 8.0015, later_s=20) == State.Contingent  # silent
+    assert [event for _, _, event in stand_ins.reactions] == [
+        "ua_exits_coordinated_op_intent", "operator_return_to_coordinated_op_intent",
+        "ua_exits_coordinated_op_intent", "operator_return_to_coordinated_op_intent",
+        "ua_exits_coordinated_op_intent", "timeout", "flight_blender_confirms_contingent",
+    ]  # fmt: skip
+    assert [pair for *pair, _ in stand_ins.reactions] == [list(pair) for pair in stand_ins.history]
 
 
 def test_the_types_of_the_server(engine_of_server: Any) -> None:
