@@ -6,6 +6,7 @@ killed, the next look reads the same positions again. One session looks at a tim
 
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -61,13 +62,16 @@ class Looks:
 
         is_silence_due : also look which tracks are silent, and which have other plans than their states are of
         """
+        count = 0
         with store.transaction(conn):
-            heard = store.new_positions(conn)
-            self._compare_all(conn, heard, now_us)
+            with closing(store.new_positions(conn, _AT_ONCE)) as parts:
+                for heard in parts:
+                    count += len(heard)
+                    self._compare_all(conn, heard, now_us)
             if is_silence_due:
                 self._compare_all(conn, store.replanned(conn), now_us, is_again=True)
                 self._look_for_silence(conn, now_us)
-        return len(heard)
+        return count
 
     def _compare_all(
         self, conn: psycopg.Connection[Any], heard: list[store.Heard], now_us: int, *, is_again: bool = False

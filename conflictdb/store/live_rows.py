@@ -1,8 +1,9 @@
 """Read new positions, and store how tracks keep their plans."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from psycopg.types.json import Jsonb
 
 from conflictdb.core.keeping import Kept
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, call_by_name, call_many, transaction
+from conflictdb.store.connection import call, call_by_name, call_each, call_many, transaction
 from conflictdb.store.parameters import Array
 
 
@@ -118,9 +119,14 @@ class Unheard(NamedTuple):
     version: int
 
 
-def new_positions(conn: psycopg.Connection[Any]) -> list[Heard]:
-    """Return the positions since the last look, in the order of their instants, in the open transaction."""
-    return [Heard(*row) for row in call_many(conn, "_new_positions")]
+def new_positions(conn: psycopg.Connection[Any], at_once: int) -> Generator[list[Heard], None, None]:
+    """Yield the positions since the last look, in the order of their instants, in the open transaction.
+
+    at_once : positions in a list: a backlog may be larger than memory
+    """
+    rows = call_each(conn, "_new_positions", rows_at_once=at_once)
+    while some := [Heard(*row) for row in islice(rows, at_once)]:
+        yield some
 
 
 def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:

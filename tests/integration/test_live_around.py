@@ -60,6 +60,11 @@ def look(conn: Conn, minute: float = 28.0) -> dict[tuple[str, str, str | None], 
     return {row[:3]: row[3] for row in rows}
 
 
+def count(conn: Conn) -> int:
+    """Return how many positions a look reads."""
+    return sum(map(len, store.new_positions(conn, 1000)))
+
+
 MEET = {("s", "FERRY", "TOW"): "must"}
 
 
@@ -76,12 +81,12 @@ def test_positions_of_a_restored_database_are_read_once(sea: Conn, ahead: str) -
     sea.commit()
     read = []
     for _ in range(3):
-        read.append(len(store.new_positions(sea)))
+        read.append(count(sea))
         sea.commit()
     assert read[0] == 1
     assert read[2] == 0
     late(sea, minute=29.0)
-    assert len(store.new_positions(sea)) == 1
+    assert count(sea) == 1
     sea.rollback()
     assert look(sea) == MEET
 
@@ -90,7 +95,7 @@ def test_workers_may_read_a_restored_database(sea: Conn) -> None:
     late(sea)
     sea.execute("UPDATE conflictdb.position SET transaction_id = '9000000000'")
     sea.execute("SET ROLE conflictdb_worker")
-    assert len(store.new_positions(sea)) == 1
+    assert count(sea) == 1
     sea.rollback()
 
 
@@ -244,3 +249,22 @@ def test_a_worker_goes_on_after_a_backlog(sea: Conn, dsn: str) -> None:
     sea.commit()
     assert Worker(lambda: store.connect(dsn), lambda *_: None).once()
     assert sea.execute("SELECT instant FROM conflictdb.live").fetchall() == [(BEGAN + timedelta(minutes=29),)]
+
+
+def test_a_backlog_is_read_in_parts(sea: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker that was away for long needs no more memory, and finds the same."""
+    for n in range(10):
+        late(sea, key="TOW" if n % 2 else "FERRY", minute=20.0 + n / 10)
+    late(sea)
+    read = []
+    whole = Looks._compare_all
+
+    def compare(self: Looks, conn: Conn, heard: list[store.Heard], *given: Any, **also: Any) -> None:
+        read.append(len(heard))
+        whole(self, conn, heard, *given, **also)
+
+    monkeypatch.setattr("conflictdb.jobs.looks._AT_ONCE", 4)
+    monkeypatch.setattr(Looks, "_compare_all", compare)
+    found = look(sea)
+    assert read == [4, 4, 3, 0]
+    assert found[next(iter(MEET))] in ("must", "may")
