@@ -88,6 +88,20 @@ COMMENT ON FUNCTION _after_positions() IS
 CREATE OR REPLACE TRIGGER position_inserted AFTER INSERT ON position REFERENCING NEW TABLE AS new_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _after_positions();
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._insert_positions(
+    p_scene text, p_key text[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[]
+) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    INSERT INTO position (scene, key, instant, place)
+        SELECT p_scene, u.key, timestamptz 'epoch' + u.instant_us * interval '1 microsecond',
+               ST_SetSRID(ST_MakePoint(u.lon, u.lat), 4326)
+        FROM unnest(p_key, p_instant_us, p_lon, p_lat) u (key, instant_us, lon, lat);
+END
+$$;
+COMMENT ON FUNCTION _insert_positions(text, text[], bigint[], double precision[], double precision[]) IS
+'Inserts positions of tracks of a scene: PostgreSQL refuses COPY into tables with row-level security.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._unknown_tracks(p_scene text, p_keys text[]) RETURNS SETOF text
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE

@@ -157,7 +157,7 @@ GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_pr
 GRANT USAGE ON SCHEMA conflictdb, conflictdb_internal TO conflictdb_tracker;
 GRANT INSERT (scene, key, instant, place, height_m, error_m) ON position TO conflictdb_tracker;
 GRANT SELECT ON _accessible TO conflictdb_tracker;
-GRANT EXECUTE ON FUNCTION _writable_scenes TO conflictdb_tracker;
+GRANT EXECUTE ON FUNCTION _writable_scenes, _insert_positions TO conflictdb_tracker;
 GRANT TRUNCATE ON position_0, position_1, position_2, position_3, position_4, position_5, position_6, position_7
     TO conflictdb_worker;
 GRANT INSERT, UPDATE, DELETE ON live_state, live_conflict TO conflictdb_worker;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9b4722a6f9b11f2dcda51b525aa8b717abae86e1664263a7214c65b2f1303769"
+routines_sha256 = "8dc965a595427d05f756b631d7110fd24208a0bf4a87736b5676894a2bdf6ad3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

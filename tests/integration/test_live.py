@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from commands import Run
@@ -273,6 +274,14 @@ def test_trackers_insert_positions_and_nothing_else(sea: Conn, dsn: str) -> None
                 sea.execute(PUT, [scene, "A", BEGAN, 0, 0, None, 10])
         with pytest.raises(psycopg.Error, match="is not a track of scene 't'"), sea.transaction():
             sea.execute(PUT, ["t", "A", BEGAN, 0, 0, None, 10])
+        # As `load --positions`; COPY is refused under row-level security.
+        at_us, place = np.array([int(BEGAN.timestamp() * 1e6)]), np.zeros((1, 2))
+        with pytest.raises(InvalidInput, match="is not a track of scene 't'"), sea.transaction():
+            store.insert_positions(sea, "t", ["A"], at_us, place)
+        sea.execute("RESET ROLE")
+        sea.execute(sql.SQL("SELECT conflictdb.share_scene('s', {}, 'write')").format(sql.Literal(user)))
+        sea.execute(sql.SQL("SET ROLE {}").format(name))
+        store.insert_positions(sea, "s", ["A"], at_us, place)
     finally:
         sea.rollback()
         sea.execute("RESET ROLE")
