@@ -207,7 +207,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     broken.add(rows.count != waypoints, unequal)
     sizes = plan_rules.sizes(rows.count * _of_each(corners), rows, "outlines_m", "vertices")
     broken.add(np.logical_not(sizes.is_sound), sizes.said)
-    ring = Many.of(np.repeat(corners, count))
+    ring = _rings(count, corners)
     outline_m = _together([one.reshape(-1, 2) for one in outlines])
     of_rings = plan_rules.outlines(outline_m, ring, lambda _: "")
     is_unsound = ~np.asarray(of_rings.is_sound)
@@ -222,7 +222,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
     # From each outline to the next of the same track.
     ways = [max(0, n - 1) for n in count]
     start_m, end_m = (_together([one[part].reshape(-1, 2) for one in outlines]) for part in (_ALL_BUT_LAST, _NEXT))
-    is_lost, way = lose_convexity(start_m, end_m, Many.of(np.repeat(corners, ways))), rows_of(_of_each(ways))
+    is_lost, way = lose_convexity(start_m, end_m, _rings(ways, corners)), rows_of(_of_each(ways))
 
     def inside_out(i: int) -> tuple[str, str]:
         k = first_of(is_lost, way, i)
@@ -231,6 +231,11 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
 
     broken.add(way.any(is_lost), inside_out)
     return broken
+
+
+def _rings(count: list[int], corners: list[int]) -> Many:
+    """Return the corners of all rings of some tracks, of which each has `count` rings of equally many corners."""
+    return Many.even(count[0], corners[0]) if len(count) == 1 else Many.of(np.repeat(corners, count))
 
 
 def _are_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:

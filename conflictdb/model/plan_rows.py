@@ -5,7 +5,7 @@ members for one plan, with numbers and truth values in place of arrays of one, w
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -40,6 +40,11 @@ class Many:
         offset = np.zeros(len(count) + 1, np.int64)
         np.add.accumulate(count, out=offset[1:])
         return cls(offset)
+
+    @classmethod
+    def even(cls, n: int, count: int) -> "Many":
+        """Return the places of n plans that have equally many."""
+        return _few_even(n, count) if n * count <= _FEW else cls.of(np.full(n, count))
 
     @classmethod
     def each(cls, n: int) -> "Many":
@@ -123,6 +128,15 @@ class Many:
         if np.count_nonzero(rows):
             found[rows] = rule(values[np.repeat(rows, self.count)], Many.of(self.count[rows]))
         return found
+
+
+# Nobody changes places: they are computed once for plans of the same form.
+_FEW: Final = 1024
+
+
+@lru_cache(maxsize=64)
+def _few_even(n: int, count: int) -> Many:
+    return Many.of(np.full(n, count))
 
 
 class One:
