@@ -75,22 +75,25 @@ def touched(plans: Iterable[Area | Track], scene: Scene, reach: Reach = AS_PLANN
     nothing: they touch all times for which schedules are expanded. Areas without a start or end give MINUS_INFINITY_US
     or INFINITY_US.
     """
-    within_us = scene.longest_time_us
-    starts, ends = [], []
+    start_us, end_us = INFINITY_US, MINUS_INFINITY_US
     for plan in plans:
-        if plan.schedule is not None:
-            continue
-        first_us, last_us = _area_span(plan) if isinstance(plan, Area) else _track_span(plan, reach.slowest)
-        if first_us <= last_us:
-            starts.append(_shifted(first_us, -reach.earlier_us - within_us))
-            ends.append(_shifted(last_us, reach.later_us + within_us + 1))
-    return (min(starts), max(ends)) if starts else None
+        if plan.schedule is None:
+            first_us, last_us = _area_span(plan) if isinstance(plan, Area) else _track_span(plan, reach.slowest)
+            if first_us <= last_us:
+                start_us, end_us = min(start_us, first_us), max(end_us, last_us)
+    if start_us > end_us:
+        return None
+    within_us = scene.longest_time_us
+    return _shifted(start_us, -reach.earlier_us - within_us), _shifted(end_us, reach.later_us + within_us + 1)
 
 
 def hull(*spans: Window | None) -> Window | None:
     """Return the time from the first start to the last end."""
     known = [span for span in spans if span is not None]
-    return (min(start for start, _ in known), max(end for _, end in known)) if known else None
+    if len(known) < 2:
+        return known[0] if known else None
+    starts, ends = zip(*known, strict=True)
+    return min(starts), max(ends)
 
 
 def _area_span(area: Area) -> Window:
@@ -104,24 +107,26 @@ def _area_span(area: Area) -> Window:
 
 def _track_span(track: Track, slowest: float) -> Window:
     """Return the first departure and the last arrival of a track; one that never sails departs after it arrives."""
-    departs = track.departures_us if track.departures_us is not None else (int(track.times_us[0]),)
-    if not departs:
-        return INFINITY_US, MINUS_INFINITY_US
-    first_us, last_us = departs[0], departs[-1] + int(track.times_us[-1] - track.times_us[0])
+    departs, first_us, last_us = track.departures_us, int(track.times_us[0]), int(track.times_us[-1])
+    sails_us = first_us
+    if departs is not None:
+        if not departs:
+            return INFINITY_US, MINUS_INFINITY_US
+        first_us, sails_us, last_us = departs[0], departs[-1], departs[-1] + last_us - first_us
     if track.tolerances is not None:
         limits = tolerances_of(f"track {track.key!r}", track.tolerances, track.times_us)
         first_us = min(first_us, int(limits.departure_us[0]))
         last_us = max(last_us, limits.latest_arrival_us(track.positions_deg, track.times_us))
     if slowest < 1.0:
-        last_us = departs[-1] + int(np.ceil((last_us - departs[-1]) / slowest)) + 1
+        last_us = sails_us + int(np.ceil((last_us - sails_us) / slowest)) + 1
     return first_us, last_us
 
 
 def _shifted(at_us: int, by_us: int) -> int:
     """Return an instant later, within the years of schedules; infinite ones stay."""
-    if at_us in (MINUS_INFINITY_US, INFINITY_US):
-        return at_us
-    return min(max(at_us + by_us, MIN_INSTANT_US), MAX_INSTANT_US)
+    if MINUS_INFINITY_US < at_us < INFINITY_US:
+        return min(max(at_us + by_us, MIN_INSTANT_US), MAX_INSTANT_US)
+    return at_us
 
 
 def has_schedules(plans: Iterable[Area | Track]) -> bool:

@@ -67,7 +67,7 @@ class HeldBoxes(Held):
     def of(cls, rows: RowBoxes) -> Self:
         """Return pointers to the columns of rows, which have the same names."""
         held = cls(len(rows))
-        held.hold(**dict(zip(cls.types, _columns(rows), strict=True)))
+        held.hold_each(zip(cls.types, _columns(rows), strict=True))
         return held
 
 

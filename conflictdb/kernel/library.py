@@ -1,7 +1,7 @@
 """Load and check the compiled library once, raise its errors, and pass arrays and slices of work to it."""
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, ClassVar, Final, TypeVar
 
@@ -70,17 +70,23 @@ class Held(ctypes.Structure):
 
     def hold(self, **arrays: Any) -> None:
         """Set pointers to arrays by name, copied if of another type or not contiguous; None and others stay NULL."""
-        types = self.types
-        held = {name: np.ascontiguousarray(one, types[name]) for name, one in arrays.items() if one is not None}
-        self._arrays = [*held.values()]
-        for name, array in held.items():
-            setattr(self, name, address(array))
+        self.hold_each(arrays.items())
+
+    def hold_each(self, arrays: Iterable[tuple[str, Any]]) -> None:
+        """Set pointers as `hold` does, to names and arrays."""
+        types, held = self.types, []
+        for name, one in arrays:
+            if one is not None:
+                array = np.ascontiguousarray(one, types[name])
+                held.append(array)
+                setattr(self, name, address(array))
+        self._arrays = held
 
 
 def address(array: NDArray[Any]) -> int:
     """Return the address of the items of a contiguous array: as `array.ctypes.data`, in a quarter of the time."""
     try:
-        return _addressof(_byte_of(array.data))
+        return _addressof(_byte_of(array))  # type: ignore[arg-type]  # numpy declares no buffer
     except (TypeError, ValueError):  # read-only, or empty
         return int(array.ctypes.data)
 

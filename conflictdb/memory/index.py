@@ -392,8 +392,8 @@ class _State:
     def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
         """Return the state of a number; levels are merged once half of their plans have ended."""
         puts = [level.put for level in self.levels]
-        if 2 * live >= sum(len(put.plans) for put in puts):
-            return _State(number, self.levels)
+        if 2 * live >= sum([len(put.plans) for put in puts]):
+            return self if number == self.number else _State(number, self.levels)
         return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
 
 
@@ -462,7 +462,7 @@ class _LastCut(threading.local):
         return self._members if is_same else None
 
     def _question(self, world: World, plans: Sequence[Plan]) -> _Question:
-        window = world.window if has_schedules(plans) else None
+        window = None if world.window is None or not has_schedules(plans) else world.window
         return world.setup.scene, window, [_content(one) for one in plans]
 
 

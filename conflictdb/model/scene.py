@@ -129,7 +129,8 @@ class Scene:
     @property
     def longest_time_us(self) -> int:
         """The largest separation in time of any pair, by its rules too, microseconds."""
-        return max([self.time_separation_us, *(round(1e6 * (rule.time_s or 0.0)) for rule in self.rules)])
+        own_us = self.time_separation_us
+        return max(own_us, *(round(1e6 * (rule.time_s or 0.0)) for rule in self.rules)) if self.rules else own_us
 
     @property
     def time_separation_us(self) -> int:
