@@ -50,6 +50,7 @@ SEEDS: Final = (*_FIRST, *(seed for seed in range(4 * len(FEATURES)) if seed not
 # Seeds of slow paths, whose scenes have what the path needs, such as ways, and take least time: together every feature.
 SEEDS_OF: Final[Mapping[str, tuple[int, ...]]] = {
     "delays": (1, 3, 5, 7, 8, 14, 21, 22, 25, 29, 36, 40),
+    "delays of an area": (1, 3, 5, 25, 27, 36, 37, 38, 40, 50, 60),
     "detours": (7, 25, 36, 39, 47, 51, 85, 89, 94),
     "resolve with ways": (8, 14, 19, 25, 28, 29, 30, 36, 38, 40, 41, 44, 46),
 }
