@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from peaks import PRINT_PEAK
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import json_stream, scene_file
@@ -148,13 +149,12 @@ def test_parts_have_all_mistakes_of_the_whole(tmp_path: Path) -> None:
     assert len(said[1]) == 6
 
 
-MEASURED = """
-import resource, sys
+MEASURED = f"""
+import sys
 from conflictdb.formats.reading import read_parts
 with read_parts(sys.argv[1]) as parts:
     print(sum(len(areas) for areas, _ in parts.each))
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-"""
+{PRINT_PEAK}"""
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
@@ -168,5 +168,5 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
         done = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True)
         objects, peak = map(int, done.stdout.split())
         assert objects == count
-        peaks.append(peak * 1024)
+        peaks.append(peak)
     assert peaks[1] - peaks[0] < 16_000 * 6_000 / 10
