@@ -16,6 +16,7 @@ import pytest
 from commands import Run, runner
 from databases import TestServer, clean_up, run_home, shared_directory, test_server
 from forked_readers import forked_readers
+from hypothesis import HealthCheck, settings
 from reused import ReusedDatabase
 
 from conflictdb.formats import confined
@@ -35,6 +36,9 @@ _BROWSER = "tests/browser"  # its files are one group, as they share open pages
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()
 _NUMBERS = count(1)
+# A draw may take long on a busy machine.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -409,7 +409,7 @@ def check(change: Change, method: Method, before: Thrown, data: st.DataObject) -
 
 
 def run(change: Change, method: Method, profile: settings, ordinary: bool) -> None:
-    @settings(profile, deadline=None, print_blob=True)
+    @settings(profile, print_blob=True)
     @given(before=thrown(ordinary), data=st.data())
     def same(before: Thrown, data: st.DataObject) -> None:
         check(change, method, before, data)

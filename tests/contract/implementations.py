@@ -14,7 +14,7 @@ import numpy as np
 import oracle_circle
 import oracle_motion
 import pytest
-from hypothesis import HealthCheck, assume, given, reject, settings
+from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 from pyproj import Geod
 from scenes import FLATTENING, RADIUS_M, T0_US
@@ -270,13 +270,7 @@ Strategies = tuple[Callable[[MotionRow], st.SearchStrategy[Any]], ...]
 def _draw(row: MotionRow, strategies: Strategies, count: int, example: Callable[[tuple[Any, ...]], None]) -> None:
     """Test examples: the same few in every run; the sweep draws others each time, unless a seed is given."""
     once = given(st.tuples(*(strategy(row) for strategy in strategies)))(example)
-    settings(
-        max_examples=count,
-        deadline=None,
-        derandomize=count < MANY,
-        database=None,
-        suppress_health_check=[HealthCheck.too_slow],
-    )(once)()
+    settings(max_examples=count, derandomize=count < MANY, database=None)(once)()
 
 
 @cache

@@ -23,7 +23,7 @@ def parts_of(polygons: list[shapely.Polygon]) -> list[list[shapely.Polygon]]:
     return [[ring for ring, of in zip(rings, owner, strict=True) if of == k] for k in range(len(polygons))]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(3, 40), st.integers(0, 10_000), st.booleans())
 def test_parts_fill_polygons_and_are_convex_and_few(count: int, seed: int, has_hole: bool) -> None:
     """Also of polygons with holes, and of the same polygon twice: their sides do not mix."""

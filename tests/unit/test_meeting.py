@@ -81,7 +81,7 @@ def ring(rng: np.random.Generator, middle: Floats) -> Floats:
     return shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(corners).convex_hull))[:-1]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32), st.sampled_from(range(3)))
 def test_meeting_place_is_the_middle_of_what_shapely_finds_common(seed: int, which: int) -> None:
     rng = np.random.default_rng(seed)

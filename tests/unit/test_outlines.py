@@ -33,7 +33,7 @@ rings = st.integers(0, 2**32).map(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(rings, st.floats(0.1, 1e4), st.booleans(), st.booleans())
 def test_sides_move_outward_and_corners_are_mitred(ring: np.ndarray, by_m: float, flip: bool, repeat: bool) -> None:
     """The same polygon as a buffer with mitred corners, whichever way round, and with vertices given twice."""
@@ -149,7 +149,7 @@ def test_a_vertex_on_a_side_is_convex_wherever_the_outline_lies(side: tuple[floa
     assert inwards > 5
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32))
 def test_staying_convex_is_what_sampling_says(seed: int) -> None:
     """Between random convex rings of as many vertices; the answer is that of 200 instants."""

@@ -79,7 +79,7 @@ def test_hulls_hold_the_true_motion_sweep(earth: EarthModel) -> None:
                 assert_holds_the_motion(scene, track)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(list(EarthModel)),
     st.floats(-88, 88),

@@ -85,7 +85,7 @@ KERNEL_PLANE = Setup.of(Scene("s", earth=EarthModel.SPHERE)).plane.kernel_plane
 NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 1e-9, 1e3, -1e3, 12345.678, -1e7])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=9), st.sampled_from([0.0, 1.0, 1e4]))
 def test_hulls_of_any_points(points: list[tuple[float, float]], reach_m: float) -> None:
     """Also of one point, of a repeated point, of lines along the axes and not, and of nonconvex polygons."""
@@ -109,7 +109,7 @@ def test_hulls_are_apart_where_they_do_not_intersect(workload: Workload) -> None
     assert apart.any()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.lists(st.tuples(NUMBERS, NUMBERS), min_size=3, max_size=7),
     st.lists(st.tuples(NUMBERS, NUMBERS), min_size=3, max_size=7),

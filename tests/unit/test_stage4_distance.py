@@ -45,7 +45,7 @@ def polygon(rng: np.random.Generator, count: int, size: float, middle: np.ndarra
     return shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(ring).convex_hull))[:-1]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32), st.integers(1, 9), st.integers(1, 9), st.sampled_from([0.3, 1.0, 1.5, 3.0, 30.0]))
 def test_distance_agrees_with_shapely_and_depth_is_a_way_out(seed: int, m: int, n: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
