@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from conflictdb import store
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.cli.load_report import moment_text, remark_incomplete
+from conflictdb.cli.load_report import Shown, moment_text, remark_incomplete
 from conflictdb.cli.output import line, note, out, remark, warnings_as_remarks
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
@@ -190,7 +190,8 @@ def _share_table(shares: list[store.Share]) -> str:
         [one.role, one.access, one.shared_by or "", moment_text(one.shared_at, up=False) if one.shared_at else ""]
         for one in shares
     ]
-    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows, whole=["AT (UTC)"])
+    at = Shown().header("AT")
+    return table(["ROLE", "ACCESS", "SHARED BY", at], rows, whole=[at])
 
 
 @contextmanager

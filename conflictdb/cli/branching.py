@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from conflictdb import store
 from conflictdb.cli.changing import changes, has_changes
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import json_row, span_text
+from conflictdb.cli.load_report import Shown, json_row, span_text
 from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
@@ -70,7 +70,7 @@ def _show(args: argparse.Namespace, found: BranchDiff) -> None:
         ]
         for one in found.conflicts
     ]
-    header = ["CHANGE", "WHAT", "KEY", "NAME OR KEY", "NOW (UTC)", "WAS (UTC)"]
+    header = ["CHANGE", "WHAT", "KEY", "NAME OR KEY", *map(Shown().header, ("NOW", "WAS"))]
     out(table(header, lines, whole=header[4:]) if lines else "no difference")
 
 

@@ -21,7 +21,7 @@ def add_changes(parser: Any) -> None:
     of_key = {"action": "append", "type": name}
     parser.add_argument("--late", nargs=2, metavar=late, help="later by 20m, or earlier by -5m; repeatable", **of_key)
     parser.add_argument(
-        "--move", nargs=3, metavar=move, help="elsewhere at its true size: 2nmi 270 is west; repeatable", **of_key
+        "--move", nargs=3, metavar=move, help="elsewhere at its true size: 2nmi 270, or 2nmi W; repeatable", **of_key
     )
     parser.add_argument(
         "--swap", nargs=2, metavar=("A", "B"), help="two tracks or areas exchange their times; repeatable", **of_key

@@ -4,7 +4,7 @@ import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 from conflictdb.cli.codes import DONE
@@ -13,7 +13,7 @@ from conflictdb.cli.output import out, print_json
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table, wrapped
-from conflictdb.cli.values import chosen_units
+from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.model.clock import Clock, rounded_delay_us, rounded_window
 from conflictdb.model.departure_text import duration_text
 from conflictdb.model.inputs import MICROSECOND
@@ -63,7 +63,7 @@ def delays(args: argparse.Namespace) -> int:
         more = {} if places is None else {"places": [asdict(one) for one in places]}
         print_json([one.as_json() | more for one in found])
         return DONE
-    clock = Clock(args.tz or UTC, round(1e6 * args.round))
+    clock = Clock(args.tz or chosen_zone(), round(1e6 * args.round))
     change = "departure" if args.waypoint is None else f"wait at waypoint {args.waypoint}"
     margin = Margin.of("delays", margin_s, margin_m)
     out(delays_text(found, args.within, names, clock, margin, change) if found else "no tracks")
@@ -81,13 +81,13 @@ def _places_text(places: "Sequence[FreePlace]", aside_m: float, names: Mapping[s
     units = chosen_units()
     far = units.least_distance(aside_m)
     if any(one.distance_m == 0.0 for one in places):
-        return f"it meets nothing where it is ({margin.text()})"
+        return f"it meets nothing where it is ({margin.text(chosen_units())})"
     rows = []
     for one in sorted(places, key=lambda each: (each.distance_m is None, each.distance_m or 0.0)):
         free = f"none within {far}" if one.distance_m is None else units.exact_distance(one.distance_m)
         rows.append([f"{one.bearing_deg % 360.0:03.0f}°", free, labels(names, one.meets)])
     header = ["BEARING", "FREE FROM", "CLEARS, OR STILL MEETS"]
-    return "\n".join([table(header, rows), "", margin.text()])
+    return "\n".join([table(header, rows), "", margin.text(chosen_units())])
 
 
 def speeds(args: argparse.Namespace) -> int:
@@ -144,12 +144,11 @@ def delays_text(
     if all(one.clear_within_m is None for one in found):
         header, rows = [*header[:-3], *header[-2:]], [[*row[:-3], *row[-2:]] for row in rows]
     lines = [
-        f"{labels(names, [one.key])}: no {change} within {_duration(max(one.latest_s, -one.earliest_s))} clears "
-        f"{labels(names, one.blocked_by)}"
+        f"{labels(names, [one.key])}: no {change} within {_horizon(one)} clears {labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by and not one.has_departed
     ]
-    lines.append(margin.text())
+    lines.append(margin.text(chosen_units()))
     return "\n".join([table(header, rows, right=header[5:-2], extra=["NAME"]), "", *map(wrapped, lines)])
 
 
@@ -162,7 +161,7 @@ def slots_text(one: Delays, names: Mapping[str, str], clock: Clock, margin: Marg
     for slot in one.slots:
         lines.append(f"free    {_window(*rounded_window(slot.from_at, slot.to_at, clock), clock, planned_at)}")
     if not one.slots:
-        lines.append(f"no free window ({margin.text()})")
+        lines.append(f"no free window ({margin.text(chosen_units())})")
     for gap in one.closed:
         # Rounded outward: every departure outside of it is another row's.
         ends = clock.rounded(gap.from_at, up=False), clock.rounded(gap.to_at, up=True)
@@ -263,9 +262,13 @@ def _clear(one: Delays) -> str:
     if one.clear_within_m is None or one.clear_by_s == 0.0:
         return ""
     if one.clear_by_m is None:
-        return f"{one.clear_within_m:g} m or more"
+        return f"{chosen_units().given_distance(one.clear_within_m)} or more"
     least_m = 0.0 if one.clear_error_m is None else max(one.clear_by_m - one.clear_error_m, 0.0)
-    return f"{math.floor(10.0 * least_m) / 10.0:.1f} m"
+    return chosen_units().least_distance(least_m)
+
+
+def _horizon(one: Delays) -> str:
+    return duration_text(round(1e6 * max(one.latest_s, -one.earliest_s)))
 
 
 def _signed(delay_s: float) -> str:

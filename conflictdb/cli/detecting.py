@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
-from datetime import UTC
 from itertools import chain
 from typing import TYPE_CHECKING, Final
 
@@ -27,6 +26,7 @@ from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
 from conflictdb.cli.tables import show_table, table, wrapped
+from conflictdb.cli.values import chosen_zone
 from conflictdb.errors import InvalidInput
 from conflictdb.model.settings import STORED_BY_DETECT, Regions, given
 
@@ -107,7 +107,7 @@ def _remark_ended(scene: "StoredScene", run_id: int) -> None:
 def conflicts(args: argparse.Namespace) -> int:
     """Print the known conflicts, all or selected ones, or those known at an instant."""
     resolve_times(args, "at", "start", "end", "since", "known_at")
-    shown = Shown(args.tz or UTC, args.show)
+    shown = Shown(args.tz or chosen_zone(), args.show)
     which = {"key": args.key, "from_": args.start, "to": args.end, "since": args.since, "verdict": args.verdict}
     which["object_class"] = args.object_class
     if args.acknowledged is not None:
@@ -163,7 +163,7 @@ def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", 
     if args.format == "json":
         print_json({"conflicts": [json_row(one) for one in alarms], "tracks": [json_row(one) for one in found]})
         return
-    shown = Shown(args.tz or UTC)
+    shown = Shown(args.tz or chosen_zone())
     states = {one.key: one for one in found}
     for alarm in alarms:
         out(_alarm_text(alarm, states, shown))
@@ -254,7 +254,8 @@ def _print_gone(scene: "StoredScene", args: argparse.Namespace) -> None:
         remark(f"{count}: history --since lists them")
         return
     out(f"\n{count}:")
-    out(events_table(gone, scene.names(*(key for one in gone for key in (one.a_key, one.b_key)))))
+    names = scene.names(*(key for one in gone for key in (one.a_key, one.b_key)))
+    out(events_table(gone, names, Shown(args.tz or chosen_zone())))
 
 
 def approaches(args: argparse.Namespace) -> int:
@@ -263,7 +264,7 @@ def approaches(args: argparse.Namespace) -> int:
         wait(db, args)
         found = db.scene(args.scene).stream_approaches()
         require_current(args, found.state)
-        print_approaches(found, [found.state], args.format)
+        print_approaches(found, [found.state], args.format, Shown(args.tz or chosen_zone()))
     return listed(found.state)
 
 

@@ -4,10 +4,11 @@ import argparse
 from collections.abc import Mapping
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import json_row, labels, moment_text, table_with_names
+from conflictdb.cli.load_report import Shown, json_row, labels, table_with_names
 from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database
+from conflictdb.cli.values import chosen_zone
 from conflictdb.model.results import ConflictEvent
 
 
@@ -22,7 +23,7 @@ def history(args: argparse.Namespace) -> int:
     if is_json:
         print_json([json_row(event) for event in found])
     else:
-        out(events_table(found, names) if found else "no events")
+        out(events_table(found, names, Shown(args.tz or chosen_zone())) if found else "no events")
     return DONE
 
 
@@ -41,22 +42,22 @@ def acknowledge(args: argparse.Namespace) -> int:
     return DONE
 
 
-def events_table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
+def events_table(events: list[ConflictEvent], names: Mapping[str, str], shown: Shown) -> str:
     """Return events as a table."""
-    header = ["EVENT", "AT (UTC)", "WHAT", "A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)"]
+    times = [shown.header(text) for text in ("AT", "FIRST CONTACT", "LAST CONTACT")]
+    header = ["EVENT", times[0], "WHAT", "A", "B", "VERDICT", *times[1:]]
     names_of = [(names.get(event.a_key), names.get(event.b_key)) for event in events]
     rows = [
         [
             event.event,
-            moment_text(event.at, up=False),
+            shown.moment(event.at, up=False),
             event.kind,
             event.a_key,
             event.b_key,
             event.verdict,
-            moment_text(event.periods[0][0], up=False),
-            moment_text(event.periods[-1][1], up=True),
+            shown.moment(event.periods[0][0], up=False),
+            shown.moment(event.periods[-1][1], up=True),
         ]
         for event in events
     ]
-    times = [name for name in header if "UTC" in name]
     return table_with_names(header, rows, names_of, right=["EVENT"], whole=times)

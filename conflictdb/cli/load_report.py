@@ -4,7 +4,7 @@ import argparse
 import shlex
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime, tzinfo
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, data, note, out, remark
 from conflictdb.cli.tables import coloured, show_table, table
-from conflictdb.cli.values import chosen_units
+from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.core.ranking import Known, facts_of, missing_text, worst_first
 from conflictdb.errors import NotCurrent, said_once
 from conflictdb.formats.conflict_gpx import position_of
@@ -21,6 +21,7 @@ from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
 from conflictdb.model.record import REMARKS, Column
 from conflictdb.model.results import Approach, Conflict, SceneState, format_moment, labelled
+from conflictdb.model.units import Units
 
 if TYPE_CHECKING:
     from conflictdb.client.loading import Loaded
@@ -34,11 +35,11 @@ if TYPE_CHECKING:
 class Shown:
     """How tables show conflicts.
 
-    zone : time zone; times outside UTC show their offset
+    zone : time zone, by default that of CONFLICTDB_TZ; times outside UTC show their offset
     more : of position (longitude and latitude of the first contact), microseconds, acknowledged (who, until when, why)
     """
 
-    zone: tzinfo = UTC
+    zone: tzinfo = field(default_factory=chosen_zone)
     more: Collection[str] = ()
 
     def moment(self, moment: datetime | None, *, up: bool) -> str:
@@ -55,7 +56,6 @@ class Shown:
         return f"{text} (UTC)" if self.zone is UTC else text
 
 
-_PLAIN: Final = Shown()
 _NO_DEPTHS: Final[Known] = {}
 
 
@@ -65,7 +65,7 @@ def print_conflicts(
     form: str,
     more: Sequence[MoreColumn] = (),
     *,
-    shown: Shown = _PLAIN,
+    shown: Shown | None = None,
     known_depths: Callable[[Sequence[Conflict]], Known] = lambda _: {},
     activations: "Sequence[Activation]" = (),
 ) -> None:
@@ -93,13 +93,15 @@ def print_conflicts(
         out("no conflicts" if all(state.is_current for state in states) else "no conflict is known")
 
 
-def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
+def print_approaches(
+    approaches: Iterable[Approach], states: Sequence[SceneState], form: str, shown: Shown | None = None
+) -> None:
     """Print closest approaches as `print_conflicts` prints conflicts."""
     remark_incomplete(states)
     if form != "table":
         data(lines_of(approaches, form, Approach, states), is_json=form != "csv")
     elif rows := list(approaches):
-        show_table(approach_table(rows))
+        show_table(approach_table(rows, shown=shown))
     else:
         out("no closest approach is known")
 
@@ -110,7 +112,8 @@ def remark_incomplete(states: Iterable[SceneState]) -> None:
         if state.remark:
             remark(f"{state.scene}: {state.remark if state.is_current else _incomplete(state)}")
         elif state.compared_at is not None:
-            note(f"{state.scene}: views as of {moment_text(state.compared_at, up=False)} UTC")
+            at = moment_text(state.compared_at, up=False)
+            note(f"{state.scene}: views as of {at}{' UTC' if Shown().zone is UTC else ''}")
 
 
 def require_current(args: argparse.Namespace, state: SceneState) -> None:
@@ -135,12 +138,17 @@ _Column = tuple[str, Callable[[Any], object]]
 
 
 def conflict_table(
-    conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown = _PLAIN, known: Known = _NO_DEPTHS
+    conflicts: Sequence[Conflict],
+    more: Sequence[MoreColumn] = (),
+    *,
+    shown: Shown | None = None,
+    known: Known = _NO_DEPTHS,
 ) -> str:
     """Return a table of conflicts, one line per pair, times rounded outward to the second.
 
     known : depths, for a column in words
     """
+    shown = shown or Shown()
     times = [shown.header(text) for text in ("FIRST CONTACT", "LAST CONTACT", "AT", "UNTIL")]
     columns: list[_Column] = [
         *_PAIR,
@@ -177,14 +185,24 @@ def _remark(column: Column, one: Conflict) -> object:
     return f"{value:.1f}" if isinstance(value, float) else value
 
 
-def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = ()) -> str:
-    """Return a table of closest approaches, one line per pair, times in UTC to the second."""
+def approach_table(
+    approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown | None = None
+) -> str:
+    """Return a table of closest approaches, one line per pair, times to the second."""
+    shown, units = shown or Shown(), chosen_units()
+    closest = shown.header("CLOSEST")
     columns: list[_Column] = [
         *_PAIR,
-        ("CLOSEST (UTC)", lambda one: moment_text(one.closest_at, up=False)),
+        (closest, lambda one: shown.moment(one.closest_at, up=False)),
+        ("HOW FAR", lambda one: None if one.closest_m is None else _apart(one.closest_m, units)),
         ("METRES", lambda one: None if one.closest_m is None else f"{one.closest_m:.1f}"),
     ]
-    return _pair_table(approaches, columns, more, right=["METRES"], whole=["CLOSEST (UTC)"])
+    return _pair_table(approaches, columns, more, right=["METRES"], whole=[closest])
+
+
+def _apart(closest_m: float, units: Units) -> str:
+    """Return a least distance in words, rounded down."""
+    return f"{units.least_distance(closest_m)} apart" if closest_m >= 0.05 else "they meet"
 
 
 def _pair_table(
@@ -245,7 +263,8 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
     """Return a table of scenes and their last detections."""
     if not scenes:
         return as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
-    header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
+    finished = Shown().header("FINISHED")
+    header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", finished, "RESULT"]
     has_branches = any(one.branch_of is not None for one in scenes)
     if has_branches:
         header.append("BRANCH OF")
@@ -257,7 +276,7 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
         ]
         for one in scenes
     ]
-    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"], extra=["RUN", "FINISHED (UTC)"])
+    return table(header, rows, right=header[1:6], whole=[finished], extra=["RUN", finished])
 
 
 def _result(scene: "SceneStatus") -> str:
@@ -267,8 +286,8 @@ def _result(scene: "SceneStatus") -> str:
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:
-    """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
-    return _PLAIN.moment(moment, up=up)
+    """Return a moment to the second, rounded up or down; two dots for an unbounded end."""
+    return Shown().moment(moment, up=up)
 
 
 def json_row(one: Any) -> dict[str, object]:
@@ -283,7 +302,7 @@ def _json_value(value: Any) -> object:
 
 
 def span_text(start: datetime | None, end: datetime | None) -> str:
-    """Return from when to when, in UTC, rounded outward to the second; the day once, if it is one."""
+    """Return from when to when, rounded outward to the second; the day once, if it is one."""
     first, last = moment_text(start, up=False), moment_text(end, up=True)
     day, _, time = last.partition(" ")
     return f"{first} to {time if time and first.startswith(day) else last}"
@@ -312,7 +331,7 @@ def remark_loaded(loaded: "Iterable[Loaded]") -> None:
     for one in loaded:
         remark_read(one.skipped, one.remarks)
         if one.came:
-            remark(f"{one.scene}: {one.came}")
+            remark(f"{one.scene}: {one.came.text(chosen_units(), chosen_zone())}")
 
 
 def remark_read(skipped: "Iterable[Skipped]", remarks: "Sequence[Remark]") -> None:

@@ -133,7 +133,10 @@ class Parser(argparse.ArgumentParser):
         if option in _OF_ALL_COMMANDS:
             return f"; {option} goes before the command"
         if not option.startswith("-"):
-            return "; it is a file: `detect FILE` loads it and detects" if Path(option).is_file() else ""
+            if Path(option).is_file():
+                return "; it is a file: `detect FILE` loads it and detects"
+            takes_keys = any("KEY" in str(one.metavar) for one in self._actions)
+            return "; quote a key that has blanks: 'FERRY NORTH'" if takes_keys else ""
         alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
         return f"; did you mean {alike[0]}?" if alike else ""
 

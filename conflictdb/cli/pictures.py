@@ -6,14 +6,13 @@ import sys
 import threading
 import webbrowser
 from contextlib import suppress
-from datetime import UTC
 
 from conflictdb import store
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import remark_incomplete, require_current
 from conflictdb.cli.output import note, out
 from conflictdb.cli.session import connections, database, usual_scene, wait
-from conflictdb.cli.values import chosen_units
+from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.client.database import DEMO_SCENE, Database
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.errors import ConflictDBError, InvalidInput
@@ -39,7 +38,7 @@ def report(args: argparse.Namespace) -> int:
         if args.key is None and args.file.suffix.lower() not in (".html", ".pdf"):
             args.key = str(args.file)  # a key alone: the hint names it
             raise InvalidInput("report", "file", f"must end in .html or .pdf; write: report {args.key!r} FILE.pdf")
-        _required(db, args).report(args.file, args.key, time_zone=args.tz or UTC, units=units)
+        _required(db, args).report(args.file, args.key, time_zone=args.tz or chosen_zone(), units=units)
     note(f"{args.file} is written")
     return DONE
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.changing import changes, has_changes
@@ -43,6 +44,7 @@ def probe(args: argparse.Namespace) -> int:
     check(
         args,
         [
+            (bool(args.files) and has_changes(args), _left_over(args.files)),
             (
                 sum(given) != 1,
                 "give files, or --late, --move or --swap, or --footprint of an area, or --path of a track",
@@ -86,6 +88,13 @@ def probe(args: argparse.Namespace) -> int:
     else:
         print_conflicts(found, [found.state], args.format, [named])
     return CONFLICTS_FOUND if args.fail_on_conflict and conflicts else DONE
+
+
+def _left_over(files: Sequence[str]) -> str:
+    """Return what is wrong with words beside `--late`, `--move` and `--swap`: a file, or a part of a key or number."""
+    if not files or Path(files[0]).exists():
+        return "files go without --late, --move and --swap"
+    return f"{files[0]!r} is of no option: quote a key that has blanks ('FERRY NORTH'); a distance is one word (2nmi)"
 
 
 def _members(one: Conflict, keys: Collection[str]) -> list[str]:

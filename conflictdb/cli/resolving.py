@@ -2,14 +2,13 @@
 
 import argparse
 from collections.abc import Iterator, Mapping
-from datetime import UTC
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels
 from conflictdb.cli.output import out, print_json, program
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import wrapped
-from conflictdb.cli.values import chosen_units
+from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.model.clock import Clock
 from conflictdb.model.margin import Margin
 from conflictdb.model.proposals import Goal, Proposal, duration_text
@@ -36,14 +35,14 @@ def resolve(args: argparse.Namespace) -> int:
             margin_s=margin_s,
             margin_m=margin_m,
             round_s=args.round,
-            time_zone=args.tz or UTC,
+            time_zone=args.tz or chosen_zone(),
             units=chosen_units(),
         )
         names = {} if args.format == "json" else stored.names(*_keys(found))
     if args.format == "json":
         print_json(found.as_json())
     else:
-        out(proposal_text(found, names, Clock(args.tz or UTC, round(1e6 * args.round))))
+        out(proposal_text(found, names, Clock(args.tz or chosen_zone(), round(1e6 * args.round))))
         if found.left:
             out(wrapped(_tried(args)))
     return DONE
@@ -90,7 +89,7 @@ def proposal_text(found: Proposal, names: Mapping[str, str], clock: Clock) -> st
         for one in found.left
     ]
     lines += [wrapped(f"note: {one}") for one in found.notes]
-    margin = Margin.of("resolve", found.margin_s, found.margin_m).text()
+    margin = Margin.of("resolve", found.margin_s, found.margin_m).text(chosen_units())
     if not found.moves:
         nothing = "nothing found that may move" if found.left else f"nothing to move: no conflict that moves ({margin})"
         return "\n".join([*lines, nothing])

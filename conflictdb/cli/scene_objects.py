@@ -3,7 +3,7 @@
 import argparse
 import shlex
 from dataclasses import asdict
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import TYPE_CHECKING, NamedTuple
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
@@ -12,6 +12,7 @@ from conflictdb.cli.output import as_called, binary, data, line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
+from conflictdb.cli.values import chosen_zone
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
@@ -111,7 +112,7 @@ def objects(args: argparse.Namespace) -> int:
         rows = [asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found]
         print_json([row | {"class": row.pop("object_class")} for row in rows])
         return DONE
-    shown = Shown(args.tz or UTC)
+    shown = Shown(args.tz or chosen_zone())
     header = ["KEY", "KIND", "NAME", shown.header("FROM"), shown.header("TO"), "FLOOR M", "CEILING M"]
     ruled = [name for name in ("object_class", "owner") if any(getattr(one, name) for one in found)]
     header += [name.removeprefix("object_").upper() for name in ruled]

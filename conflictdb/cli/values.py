@@ -4,7 +4,7 @@ import argparse
 import os
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from itertools import pairwise
 from math import ulp
 from sys import float_info
@@ -21,9 +21,28 @@ MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
-_UNITS_M: Final = {"m": 1.0, "metres": 1.0, "km": 1000.0, "nmi": METRES_PER_NMI, "ft": 0.3048}
-_UNITS_KN: Final = {"kn": 1.0, "m/s": 3600.0 / METRES_PER_NMI, "km/h": 1000.0 / METRES_PER_NMI}
-_UNITS_S: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+# The first unit is that of a number without one; words and abbreviations that people try are units, too.
+_UNITS_M: Final = {
+    **dict.fromkeys(("m", "metres", "meters"), 1.0),
+    "km": 1000.0,
+    **dict.fromkeys(("nmi", "nm", "NM"), METRES_PER_NMI),
+    **dict.fromkeys(("ft", "feet"), 0.3048),
+}
+_UNITS_KN: Final = {
+    **dict.fromkeys(("kn", "kt", "kts", "knots"), 1.0),
+    "m/s": 3600.0 / METRES_PER_NMI,
+    **dict.fromkeys(("km/h", "kmh"), 1000.0 / METRES_PER_NMI),
+}
+_UNITS_S: Final = {
+    "ms": 0.001,
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+# A number with a unit, the longest that fits.
+_PART: Final = rf"(\d{{1,12}}(?:\.\d{{1,12}})?)\s*({'|'.join(sorted(_UNITS_S, key=len, reverse=True))})(?![a-z])"
+_POINTS: Final = ["n", "nne", "ne", "ene", "e", "ese", "se", "sse", "s", "ssw", "sw", "wsw", "w", "wnw", "nw", "nnw"]
 
 
 def name(text: str) -> str:
@@ -92,8 +111,14 @@ def metres(text: str) -> float:
 
 
 def bearing_deg(text: str) -> float:
-    """Return a bearing in degrees clockwise from north, such as 270."""
-    return _number(text.strip().removesuffix("°"), "a bearing in degrees, from -360 to 360", least=-360.0, most=360.0)
+    """Return a bearing in degrees clockwise from north, of 270 or of a point of the compass, W or west."""
+    rule = "a bearing in degrees, from -360 to 360, or a point of the compass such as W or NNE"
+    point = re.sub("[ -]", "", text.lower())
+    for name, letter in (("north", "n"), ("east", "e"), ("south", "s"), ("west", "w")):
+        point = point.replace(name, letter)
+    if point in _POINTS:
+        return 22.5 * _POINTS.index(point)
+    return _number(text.strip().removesuffix("°"), rule, least=-360.0, most=360.0)
 
 
 def haven(text: str) -> dict[str, float]:
@@ -217,12 +242,9 @@ def _duration_s(text: str) -> float | None:
     """Return h:mm:ss, h:mm, or numbers with units, largest first, in seconds; None for anything else."""
     if clock := re.fullmatch(r"(\d{1,9}):([0-5]\d)(?::([0-5]\d(?:\.\d{1,9})?))?", text):
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3] or 0.0)
-    if not re.fullmatch(r"(\d{1,12}(\.\d{1,12})?\s*(ms|min|m|s|h|d)\s*)+", text):  # the keys of _UNITS_S
+    if not re.fullmatch(rf"({_PART}\s*)+", text):
         return None
-    parts = [
-        (float(number), _UNITS_S[unit])
-        for number, unit in re.findall(r"(\d{1,12}(?:\.\d{1,12})?)\s*(ms|min|m|s|h|d)", text)
-    ]
+    parts = [(float(number), _UNITS_S[unit]) for number, unit in re.findall(_PART, text)]
     in_order = all(unit > smaller for (_, unit), (_, smaller) in pairwise(parts))
     return sum(number * unit for number, unit in parts) if in_order else None
 
@@ -282,6 +304,15 @@ def chosen_units() -> Units:
     if text not in list(Units):
         raise InvalidInput("CONFLICTDB_UNITS", "", f"must be {' or '.join(Units)}; got {text!r:.60}")
     return Units(text)
+
+
+def chosen_zone() -> tzinfo:
+    """Return the time zone of CONFLICTDB_TZ, by default UTC; raises InvalidInput for others."""
+    text = os.environ.get("CONFLICTDB_TZ")
+    try:
+        return zone(text) if text else UTC
+    except argparse.ArgumentTypeError as error:
+        raise InvalidInput("CONFLICTDB_TZ", "", str(error)) from None
 
 
 def zone(text: str) -> ZoneInfo:

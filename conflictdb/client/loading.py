@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack
@@ -21,6 +21,7 @@ from conflictdb.formats.hints import FileHints, for_scene
 from conflictdb.formats.reading import ReadOptions, has_parts, is_parquet, read_observed, read_parts
 from conflictdb.formats.scene_file import LateMembersError
 from conflictdb.formats.what_came import WhatCame
+from conflictdb.model.load_summary import LoadSummary
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
 if TYPE_CHECKING:
@@ -39,14 +40,14 @@ class Loaded:
     counts : objects added, updated, removed, unchanged
     skipped : rows and objects that were left out
     remarks : valid input that is probably unintended
-    came : what the files held, in one line: how many, where, when, how fast, how high; empty if nothing
+    came : what the files held: how many, where, when, how fast, how high; in one line as text
     """
 
     scene: str
     counts: store.LoadCounts
     skipped: tuple[Skipped, ...]
     remarks: tuple[Remark, ...]
-    came: str = ""
+    came: LoadSummary = field(default_factory=LoadSummary)
 
     @property
     def invalid(self) -> tuple[Skipped, ...]:
@@ -211,7 +212,7 @@ def _loaded(
     replaced = _replaced(plan.sources[0], counts, [*plan.derived, *(key for key in keys if _is_number(key, len(keys)))])
     came = WhatCame(settings)
     came.add(plan.areas, plan.tracks)
-    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced), came.line())
+    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced), came.summary())
 
 
 def _is_number(key: str, count: int) -> bool:

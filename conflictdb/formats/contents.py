@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.model.load_summary import LoadSummary
 from conflictdb.model.plans import Area, Scene, Track
 
 # Called with the name of a phase, and the amounts done and to do; 0: unknown.
@@ -102,7 +103,7 @@ class Parts:
     settings : of its scene, None if the file has none
     each : areas and tracks in batches; can be read once
     refusals, skipped, remarks, derived : those of the parts read so far; of the derived ids the first
-    came : what they held, in one line, after the last part
+    came : what they held, after the last part
     """
 
     settings: Scene | None
@@ -111,7 +112,7 @@ class Parts:
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     derived: list[str] = field(default_factory=list)
-    came: str = ""
+    came: LoadSummary = field(default_factory=LoadSummary)
 
 
 class _Keyed(Protocol):

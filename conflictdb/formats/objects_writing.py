@@ -50,6 +50,15 @@ _WRITERS: Final = {
 # Endings that are read as other formats: a scene file of such a name would not load.
 _READ_ONLY: Final = (*(OTHER_ENDINGS - _WRITERS.keys()), ".gpkg", ".kmz", ".shp", ".zip")
 
+# Endings of what other commands write, and the commands.
+_OF_OTHERS: Final = {
+    ".ics": "`conflicts KEY --format ics`",
+    ".html": "`report`",
+    ".pdf": "`report` or `plot`",
+    ".png": "`plot`",
+    ".svg": "`plot`",
+}
+
 
 def writer_of(path: str | Path) -> WrittenFormat | None:
     """Return the format in which a file of that name is written, None for scene files and GeoParquet."""
@@ -62,6 +71,9 @@ def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: 
     name = Path(path).name.lower().removesuffix(".gz")
     if name.endswith(_READ_ONLY):
         rule = f"this format is read, not written: write {', '.join(_WRITERS)}, .geojson or .parquet"
+        raise InvalidInput("file", Path(name).suffix, rule, str(path))
+    if (other := _OF_OTHERS.get(Path(name).suffix)) is not None and not name.endswith(tuple(_WRITERS)):
+        rule = f"holds no plans: {other} writes such a file; plans end in .geojson, .parquet, {', '.join(_WRITERS)}"
         raise InvalidInput("file", Path(name).suffix, rule, str(path))
     writer = writer_of(path)
     return (writer.lines if writer else scene_text)(scene, areas, tracks)

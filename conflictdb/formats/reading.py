@@ -236,7 +236,7 @@ def _summed_up(
         owners.add([*areas, *tracks])
         legs.add(tracks)
         yield areas, tracks
-    parts.came = came.line()
+    parts.came = came.summary()
     parts.refusals.extend(summary.twice())
     parts.remarks += [
         *(() if len(summary) else (_empty(source),)),

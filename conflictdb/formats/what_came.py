@@ -14,7 +14,7 @@ from conflictdb.formats import places
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.track_times import speeds_kn
 from conflictdb.model.inputs import EPOCH
-from conflictdb.model.place_text import minutes_text
+from conflictdb.model.load_summary import LoadSummary
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 
 _YEAR_US: Final = 365 * 86_400_000_000
@@ -65,38 +65,30 @@ class WhatCame:
         self.areas += len(areas)
         self.tracks += len(tracks)
 
-    def line(self) -> str:
-        """Return how many, where, when, how fast and how high; empty if nothing came."""
+    def summary(self) -> LoadSummary:
+        """Return how many, where, when, how fast and how high."""
         if not self._rows:
-            return ""
+            return LoadSummary()
         rows = self._table()
-        counts = [(self.areas, "area"), (self.tracks, "track")]
-        parts = [" and ".join(f"{n:,} {kind}{'' if n == 1 else 's'}" for n, kind in counts if n)]
-        west, south, east, north = rows[:, 0].min(), rows[:, 1].min(), rows[:, 2].max(), rows[:, 3].max()
-        parts.append(_ends(minutes_text(south, "NS"), minutes_text(north, "NS")))
-        parts.append(
-            "all longitudes" if east - west >= 360.0 else _ends(minutes_text(west, "EW"), minutes_text(east, "EW"))
+        (since, _), (_, until) = _limits(rows[:, 4]), _limits(rows[:, 5])
+        (slowest, fastest), (lowest, highest) = _limits(rows[:, 6]), _limits(rows[:, 7:9])
+        west, south = rows[:, :2].min(axis=0).tolist()
+        east, north = rows[:, 2:4].max(axis=0).tolist()
+        return LoadSummary(
+            areas=self.areas,
+            tracks=self.tracks,
+            scheduled=self.scheduled,
+            west=west,
+            south=south,
+            east=east,
+            north=north,
+            since=None if since is None else EPOCH + timedelta(microseconds=int(since)),
+            until=None if until is None else EPOCH + timedelta(microseconds=int(until)),
+            slowest_kn=slowest,
+            fastest_kn=fastest,
+            lowest_m=lowest,
+            highest_m=highest,
         )
-        if np.isfinite(rows[:, 4:6]).any():
-            since, until = np.nanmin(rows[:, 4:6]), np.nanmax(rows[:, 4:6])
-            if not np.isfinite(rows[:, 4]).any():
-                parts.append(f"until {_moment(until)} UTC")
-            elif not np.isfinite(rows[:, 5]).any():
-                parts.append(f"from {_moment(since)} UTC on")
-            else:
-                parts.append(f"{_ends(_moment(since), _moment(until))} UTC")
-        elif self.scheduled < len(rows):
-            parts.append("at all times")
-        if self.scheduled:
-            parts.append(f"{self.scheduled:,} by schedule")
-        if self.tracks:
-            fastest = rows[np.isfinite(rows[:, 6]), 6]
-            parts.append(f"{_ends(f'{fastest.min():,.0f}', f'{fastest.max():,.0f}')} kn")
-        heights = rows[:, 7:9][np.isfinite(rows[:, 7:9])]
-        parts.append(
-            f"{_ends(f'{heights.min():,.0f}', f'{heights.max():,.0f}')} m high" if heights.size else "no heights"
-        )
-        return ", ".join(parts)
 
     def remarks(self, source: str, name: Callable[[int], str], now_us: int) -> Iterator[Remark]:
         """Yield remarks on what is far from the rest in time, in speed, and above the sea where others are below.
@@ -177,8 +169,9 @@ def _fastest_kn(tracks: Sequence[Track], scene: Scene) -> NDArray[np.float64]:
     return np.asarray(np.maximum.reduceat(*speeds_kn(tracks, scene.motion, scene.earth)))
 
 
-def _ends(least: str, most: str) -> str:
-    return least if least == most else f"{least} to {most}"
+def _limits(column: NDArray[np.float64]) -> tuple[float, float] | tuple[None, None]:
+    known = column[np.isfinite(column)]
+    return (float(known.min()), float(known.max())) if known.size else (None, None)
 
 
 def _moment(at_us: float) -> str:

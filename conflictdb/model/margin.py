@@ -7,9 +7,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
 from conflictdb.model.departure_text import duration_text
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import METRES_PER_NMI
 from conflictdb.model.rules import Rule
 from conflictdb.model.scene import Scene
+from conflictdb.model.units import Units
 
 _US: Final = 1_000_000
 
@@ -57,16 +57,8 @@ class Margin:
             time_s=None if rule.time_s is None else (round(_US * rule.time_s) + self.time_us) / _US,
         )
 
-    def text(self) -> str:
+    def text(self, units: Units = Units.NAUTICAL) -> str:
         """Return by how much proposed times are clear: ``clear by 5 min``."""
         parts = [duration_text(self.time_us)] if self.time_us else []
-        parts += [_distance(self.distance_m)] if self.distance_m else []
+        parts += [units.given_distance(self.distance_m)] if self.distance_m else []
         return f"clear by {' and '.join(parts)}" if parts else "clear, no margin"
-
-
-def _distance(metres: float) -> str:
-    """Return a distance in nautical miles if they are whole hundredths, else in metres."""
-    hundredths = 100.0 * metres / METRES_PER_NMI
-    if abs(hundredths - round(hundredths)) < 1e-6:
-        return f"{round(hundredths) / 100.0:g} nmi"
-    return f"{metres:g} m"

@@ -1,17 +1,20 @@
-"""Distances and places in the units that a person has chosen."""
+"""Distances, speeds and places in the units that a person has chosen."""
 
 import math
 from enum import StrEnum
 from typing import Final
 
+from conflictdb.model.place_text import minutes_text
+
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 _METRES_PER_KM: Final = 1000.0
+_MPS_OF_KN: Final = METRES_PER_NMI / 3600.0
 # Of tenths: the error of a product of doubles is no part of one.
 _ROUNDING: Final = 1e-6
 
 
 class Units(StrEnum):
-    """Nautical miles, and places in degrees and minutes; or kilometres, and decimal degrees."""
+    """Nautical miles, knots, degrees and minutes; or kilometres, metres a second, decimal degrees."""
 
     NAUTICAL = "nautical"
     METRIC = "metric"
@@ -34,7 +37,9 @@ class Units(StrEnum):
     def least_distance(self, metres: float) -> str:
         """Return a distance as `distance` does, rounded down."""
         tenths = math.floor(metres / self.step_m + _ROUNDING)
-        return f"{tenths / 10} {self._name}" if tenths else f"{int(metres)} m"
+        if tenths:
+            return f"{tenths / 10} {self._name}"
+        return f"{int(metres)} m" if metres >= 10.0 else f"{int(10.0 * metres) / 10.0} m"
 
     def most_distance(self, metres: float) -> str:
         """Return a distance as `distance` does, rounded up."""
@@ -48,6 +53,30 @@ class Units(StrEnum):
         if tenths and abs(metres / self.step_m - tenths) <= _ROUNDING:
             return f"{tenths / 10} {self._name}"
         return f"{math.ceil(10.0 * metres - _ROUNDING) / 10} m"
+
+    def given_distance(self, metres: float) -> str:
+        """Return a distance in the larger unit if it is whole hundredths of it, else in metres, not rounded."""
+        hundredths = 10.0 * metres / self.step_m
+        if hundredths > 0.5 and abs(hundredths - round(hundredths)) < _ROUNDING:
+            return f"{round(hundredths) / 100.0:g} {self._name}"
+        return f"{metres:g} m"
+
+    def speed(self, kn: float) -> float:
+        """Return a speed in `speed_unit`."""
+        return kn if self is Units.NAUTICAL else kn * _MPS_OF_KN
+
+    @property
+    def speed_unit(self) -> str:
+        """The unit of speeds."""
+        return "kn" if self is Units.NAUTICAL else "m/s"
+
+    def bound(self, degrees: float, signs: str) -> str:
+        """Return a limit in latitude (signs ``NS``) or longitude (``EW``): `57°41'N`, or `57.69 N`."""
+        if self is Units.NAUTICAL:
+            return minutes_text(degrees, signs)
+        if signs == "EW":
+            degrees = (degrees + 180.0) % 360.0 - 180.0
+        return f"{abs(degrees):.2f} {signs[1 if degrees < 0.0 else 0]}"
 
     def place(self, lon: float, lat: float) -> str:
         """Return a latitude and a longitude, degrees: `57°54.300'N 008°45.600'E`, or `57.90500 N 8.76000 E`."""

@@ -486,6 +486,48 @@ def test_a_key_that_no_object_has_gets_a_hint(day: Run, monkeypatch: pytest.Monk
         assert hint in done.err, words
 
 
+def test_words_that_belong_to_no_option_are_explained(day: Run, tmp_path: Path) -> None:
+    """A key with a blank, or a distance in two words, splits in the shell."""
+    for words in (["--late", "FERRY", "NORTH", "20m"], ["--move", "SURVEY-7", "2", "nmi", "270"]):
+        done = day("probe", *words)
+        assert (done.code, f"{words[-1]!r} is of no option: quote a key that has blanks" in done.err) == (2, True)
+    done = day("conflicts", "FERRY", "NORTH")
+    assert (done.code, "unrecognized arguments: NORTH; quote a key that has blanks" in done.err) == (2, True)
+    done = day("probe", TASKS / "ferry.rtz", "--late", "TANKER", "20m")
+    assert (done.code, "files go without --late" in done.err) == (2, True)
+
+
+def test_units_and_zone_are_those_of_the_user_everywhere(
+    day: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line after a load, tables, margins and history."""
+    arrived = day("load", TASKS / "day.geojson").err
+    assert "57°37'N to 58°06'N, 008°00'E to 009°57'E, 2026-12-01 05:30 to 2026-12-01 11:54 UTC, 6 to 18 kn" in arrived
+    margin = ("delays", "FERRY NORTH", "--within", "6h", "--margin", "2km")
+    assert "clear by 2000 m" in day(*margin).out
+    day("detect", "--nearest-m", "5NM")
+    assert "2.1 nmi apart" in day("approaches").out
+    monkeypatch.setenv("CONFLICTDB_UNITS", "metric")
+    monkeypatch.setenv("CONFLICTDB_TZ", "Europe/Copenhagen")
+    line = "57.62 N to 58.10 N, 8.00 E to 9.95 E, 2026-12-01 06:30 to 2026-12-01 12:54 Europe/Copenhagen, 3 to 9 m/s"
+    assert line in day("load", TASKS / "day.geojson").err
+    assert "clear by 2 km" in day(*margin).out
+    assert "clear by 2 km" in day("resolve", *margin[2:]).out
+    for words in (
+        ["detect", "--nearest-m", "5NM"],
+        ["approaches"],
+        ["history"],
+        ["probe", "--late", "FERRY NORTH", "20m"],
+    ):
+        out = day(*words).out
+        assert "+01:00" in out, words
+        assert "UTC" not in out, words
+    assert "4.0 km apart" in day("approaches").out
+    monkeypatch.delenv("CONFLICTDB_TZ")
+    done = day("history", "--since", "2026-11-01", "--tz", "Europe/Copenhagen")
+    assert "+01:00" in done.out, "its errors name --tz"
+
+
 def test_one_plan_is_not_exchanged_with_itself(day: Run) -> None:
     done = day("probe", "--swap", "TANKER", "TANKER")
     assert done.code == 2

@@ -581,7 +581,7 @@ def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -
             assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
             assert page.evaluate("document.documentElement.scrollHeight") <= size[1]
             boxes = page.evaluate("""[...document.querySelectorAll(
-                'h1, #headline, #state, .actions > *, #words, #more > summary, .controls > *, #bars, #slider, #map,'
+                'h1, #headline, #state, .actions > *, #words, #more > summary, .controls > *, #rows, #slider, #map,'
                 + ' .detail > *, .side li'
             )].filter((one) => one.checkVisibility() && !one.closest('[hidden]')).map((one) => {
                 const {x, y, width, height} = one.getBoundingClientRect();

@@ -358,7 +358,7 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
     assert near.code == 0
     lines = near.out.splitlines()
     assert lines[:3] == ["no conflicts", "", "no conflict, but near:"]
-    assert lines[-1].split() == ["a", "b", "near", "2026-03-01", "00:00:00", "1105.7"]
+    assert lines[-1].split() == ["a", "b", "near", "2026-03-01", "00:00:00", "0.5", "nmi", "apart", "1105.7"]
     (row,) = run("detect", "--scene", "apart", "--format", "json").json
     assert list(row) == COLUMNS
     assert (row["verdict"], row["periods"], row["first_contact"]) == ("near", [], None)
@@ -723,8 +723,8 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
         re.MULTILINE,
     )
     assert told.out.splitlines()[-3:] == [
-        "SUB-1 (Submarine haven, deep): no departure within 2:00:00 clears CABLE (Cable works on the sea bed)",
-        "SUB-2 (Submarine haven, shallow): no departure within 2:00:00 clears DIVING (Diving on a wreck)",
+        "SUB-1 (Submarine haven, deep): no departure within 2 h clears CABLE (Cable works on the sea bed)",
+        "SUB-2 (Submarine haven, shallow): no departure within 2 h clears DIVING (Diving on a wreck)",
         "clear, no margin",
     ]
     exact = run("delays", "--scene", "strait", "--round", "0", "--tz", "Europe/Copenhagen").out
@@ -753,7 +753,7 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert "CLEAR BY" not in soon.out
     wide, narrow = (run("delays", "--scene", "strait", "--clear-within-m", metres) for metres in ("20000", "100"))
     assert re.search(
-        r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +\d+\.\d m +First ship of a convoy +CONVOY-2 \(.*\)$",
+        r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +\d+ m +First ship of a convoy +CONVOY-2 \(.*\)$",
         wide.out,
         re.MULTILINE,
     )
@@ -818,7 +818,7 @@ def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:
     assert tow["slower"] >= 0.938
     assert tow["faster"] <= 1.045
     waits = run("delays", "TOW", "--waypoint", "2", "--scene", "strait")
-    assert waits.out.splitlines()[3].endswith("no wait at waypoint 2 within 2:00:00 clears FERRY (Ferry)")
+    assert waits.out.splitlines()[3].endswith("no wait at waypoint 2 within 2 h clears FERRY (Ferry)")
     for args in (["--leg", "1"], ["TOW", "--leg", "9"], ["TOW", "--slowest", "2"]):
         refused = run("speeds", *args, "--scene", "strait")
         assert (refused.code, refused.out) == (4, "")
@@ -870,7 +870,7 @@ def test_plans_move_swap_and_depart_later_in_one_question(strait: Run) -> None:
     assert diff[0].split() == ["CHANGE", "WHAT", "KEY", "NAME", "OR", "KEY", "NOW", "(UTC)", "WAS", "(UTC)"]
     assert any("2026-06-01 08:11:17 to 09:07:24" in line for line in diff)
     for wrong in (
-        ("--move", "FIRING", "2nmi", "west"),
+        ("--move", "FIRING", "2nmi", "left"),
         ("--move", "FIRING", "-2nmi", "0"),
         ("--late", "FERRY", "20"),
         ("--late", "FERRY", "20m", "--path", "LINESTRING(0 0, 1 1)"),

@@ -16,7 +16,20 @@ from patience import WAIT_S
 from conflictdb.cli import codes, main
 from conflictdb.cli.commands import ENVIRONMENT, GROUPS, build
 from conflictdb.cli.parser import _OF_ALL_COMMANDS
-from conflictdb.cli.values import count, delay_s, duration_s, haven, height, hours, instant, mapping, metres, speed_kn
+from conflictdb.cli.values import (
+    bearing_deg,
+    count,
+    delay_s,
+    duration_s,
+    haven,
+    height,
+    hours,
+    instant,
+    mapping,
+    margin,
+    metres,
+    speed_kn,
+)
 from conflictdb.model.methods import Method
 
 
@@ -245,7 +258,7 @@ def test_other_shells_get_a_script_by_the_name_that_was_called(
     [
         ("30s", 30.0), ("5m", 300.0), ("5 min", 300.0), ("1.5h", 5400.0), ("1d", 86400.0), ("250ms", 0.25),
         ("1h7m", 4020.0), ("1 h 07 min", 4020.0), ("1:07:24", 4044.0), ("0:02", 120.0),
-        ("4:42:25.784273", 16945.784273),
+        ("4:42:25.784273", 16945.784273), ("20 minutes", 1200.0), ("2hours 5mins", 7500.0), ("1 day 1 hr", 90000.0),
     ],
 )  # fmt: skip
 def test_duration(text: str, seconds: float) -> None:
@@ -270,6 +283,7 @@ def test_duration(text: str, seconds: float) -> None:
         "nan",
         "inf",
         "99999999999d",
+        "20 minutess",
     ],
 )
 def test_what_is_no_duration(text: str) -> None:
@@ -291,6 +305,27 @@ def test_numbers() -> None:
     for wrong in ("1.5", "-1", "", "x", "99999999"):
         with pytest.raises(argparse.ArgumentTypeError):
             count(wrong)
+
+
+def test_units_that_people_try_first_are_read() -> None:
+    """NM is a nautical mile on charts and in the air; m is a metre in distances, and a minute in margins."""
+    assert [metres(text) for text in ("2nm", "2 NM", "2nmi", "500meters", "300 feet")] == [
+        *(3704.0, 3704.0, 3704.0, 500.0, pytest.approx(91.44)),
+    ]
+    assert [speed_kn(text) for text in ("18kts", "18 knots", "18kt")] == [18.0] * 3
+    assert [margin(text) for text in ("0.5NM", "5 minutes", "500meters")] == [(0.0, 926.0), (300.0, 0.0), (0.0, 500.0)]
+    assert [bearing_deg(text) for text in ("270", "270°", "W", "west", "NNE", "south-east", "north west")] == [
+        *(270.0, 270.0, 270.0, 270.0, 22.5, 135.0, 315.0),
+    ]
+    for read, wrong in (
+        (bearing_deg, "left"),
+        (bearing_deg, "ww"),
+        (metres, "2M"),
+        (metres, "2nmm"),
+        (margin, "5 nm m"),
+    ):
+        with pytest.raises(argparse.ArgumentTypeError):
+            read(wrong)
 
 
 def test_instant_needs_an_offset() -> None:

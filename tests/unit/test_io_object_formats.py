@@ -406,6 +406,16 @@ def test_a_format_that_is_only_read_is_not_written(tmp_path: Path, name: str) ->
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("name", "command"), [("a.ics", "conflicts KEY --format ics"), ("a.pdf", "report"), ("a.png", "plot")]
+)
+def test_a_file_that_holds_no_plans_is_not_written(tmp_path: Path, name: str, command: str) -> None:
+    """It became a scene file in silence."""
+    with pytest.raises(InvalidInput, match=f"holds no plans: `{command}`"):
+        write_scene_file([], tmp_path / name, Scene("plans"))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("datum", ["msl", "wgs84", "flight_level"])
 def test_a_route_says_what_its_heights_are_above(tmp_path: Path, datum: str) -> None:
     """Heights of a scene of the ellipsoid were read into scenes of mean sea level, in silence."""

@@ -102,10 +102,10 @@ def test_speeds_are_those_of_the_lines_of_the_scene(tmp_path: Path, motion: str,
     contents = read(path)
     came = WhatCame(contents.scene)
     came.add(contents.areas, contents.tracks)
-    assert ", 180 kn, " in came.line()
+    assert ", 180 kn, " in str(came.summary())
     with read_parts(path) as parts:
         assert list(parts.each)
-        assert parts.came == came.line()
+        assert parts.came == came.summary()
 
 
 def test_a_fleet_without_mistakes_has_no_remarks(tmp_path: Path) -> None:
@@ -146,13 +146,13 @@ def test_what_is_always_there_or_by_schedule_is_said(tmp_path: Path) -> None:
     path = tmp_path / "always.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
     assert arrived(path) == "1 area, 10°00'S to 09°00'S, 179°00'E to 179°00'W, at all times, no heights"
-    assert WhatCame().line() == ""
+    assert not WhatCame().summary()
 
 
 def arrived(path: Path) -> str:
     contents, came = read(path), WhatCame()
     came.add(contents.areas, contents.tracks)
-    return came.line()
+    return str(came.summary())
 
 
 def test_places_in_degrees_and_minutes() -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from conflictdb.model.margin import Margin
 from conflictdb.model.units import Units
 
 
@@ -24,8 +25,8 @@ def test_a_distance_is_in_the_unit_that_fits_it() -> None:
     assert [Units.METRIC.distance(m) for m in (9.94, 12.0, 99.0, 100.0, 8704.4)] == [
         *("9.9 m", "12 m", "99 m", "0.1 km", "8.7 km"),
     ]
-    assert [Units.NAUTICAL.least_distance(m) for m in (370.0, 371.0, 184.9, 1851.9)] == [
-        *("0.1 nmi", "0.2 nmi", "184 m", "0.9 nmi"),
+    assert [Units.NAUTICAL.least_distance(m) for m in (370.0, 371.0, 184.9, 1851.9, 0.19)] == [
+        *("0.1 nmi", "0.2 nmi", "184 m", "0.9 nmi", "0.1 m"),
     ]
 
 
@@ -39,3 +40,17 @@ def test_a_proposed_distance_is_not_rounded() -> None:
     """To a tenth of the unit only if it is one: 3.1 nautical miles are 5.7412 km, and 5.7 would be too near."""
     assert [Units.NAUTICAL.exact_distance(m) for m in (3.1 * 1852.0, 5700.0)] == ["3.1 nmi", "5700.0 m"]
     assert [Units.METRIC.exact_distance(m) for m in (3.1 * 1852.0, 5700.0, 42.31)] == ["5741.2 m", "5.7 km", "42.4 m"]
+
+
+def test_limits_and_speeds_of_a_load_are_in_the_units() -> None:
+    assert (Units.NAUTICAL.bound(57.6867, "NS"), Units.METRIC.bound(190.0, "EW")) == ("57°41'N", "170.00 W")
+    assert (Units.NAUTICAL.speed(18.0), Units.NAUTICAL.speed_unit) == (18.0, "kn")
+    assert (Units.METRIC.speed(18.0), Units.METRIC.speed_unit) == (pytest.approx(9.26), "m/s")
+
+
+def test_a_margin_is_said_as_it_was_given() -> None:
+    """To hundredths of the unit, else in metres; no more than was given is promised."""
+    assert [Units.NAUTICAL.given_distance(m) for m in (926.0, 1000.0, 0.1)] == ["0.5 nmi", "1000 m", "0.1 m"]
+    assert [Units.METRIC.given_distance(m) for m in (926.0, 1000.0, 2050.0)] == ["926 m", "1 km", "2.05 km"]
+    assert Margin(distance_m=2000.0).text(Units.METRIC) == "clear by 2 km"
+    assert Margin(300_000_000, 926.0).text() == "clear by 5 min and 0.5 nmi"

@@ -157,7 +157,7 @@ def _add_detection(commands: Any) -> None:
     more = "Conflicts, and pairs within the scene's nearest_m."
     parser = command(commands, "approaches", "detecting:approaches", "print how close pairs come", more)
     add_scene(parser)
-    add_options(parser, "--wait", "--require-current")
+    add_options(parser, "--tz", "--wait", "--require-current")
     add_format(parser, *APPROACH_FORMATS)
 
 
@@ -226,7 +226,7 @@ def _add_questions(commands: Any) -> None:
         action="append",
         type=bearing_deg,
         metavar="DEGREES",
-        help="with --aside: only on this bearing, 270 is west; repeatable (default: eight of them)",
+        help="with --aside: only on this bearing, 270 or W; repeatable (default: eight of them)",
     )
     parser.add_argument(
         "--clear-within-m", type=metres, metavar="DISTANCE", help="show how far it stays clear, up to this"

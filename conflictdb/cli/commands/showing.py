@@ -17,7 +17,7 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--since", type=time_or_age, metavar="TIME", help="only events since TIME, or since a DURATION ago (24h)"
     )
-    parser.set_defaults(tz=None)
+    add_options(parser, "--tz")
     add_format(parser, "table", "json")
 
     about = "acknowledge the conflict of two objects"

@@ -47,7 +47,7 @@ const MOST_WAYPOINTS = 50; // of a track, that can be dragged
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
-const NARROW_PX = 900; // the legend opens on wider screens
+const NARROW_PX = 1200; // the legend opens on wider screens
 const OBJECT_ZOOM = 11; // the most, of an object that was found
 
 // Places all around a box.
