@@ -40,8 +40,11 @@ _UNITS_S: Final = {
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
-# A number with a unit, the longest that fits.
-_PART: Final = rf"(\d{{1,12}}(?:\.\d{{1,12}})?)\s*({'|'.join(sorted(_UNITS_S, key=len, reverse=True))})(?![a-z])"
+# Numbers with units, of each the longest that fits.
+_PART: Final = re.compile(
+    rf"(\d{{1,12}}(?:\.\d{{1,12}})?)\s*({'|'.join(sorted(_UNITS_S, key=len, reverse=True))})(?![a-z])"
+)
+_PARTS: Final = re.compile(rf"(?:{_PART.pattern}\s*)+")
 _POINTS: Final = ["n", "nne", "ne", "ene", "e", "ese", "se", "sse", "s", "ssw", "sw", "wsw", "w", "wnw", "nw", "nnw"]
 
 
@@ -242,9 +245,9 @@ def _duration_s(text: str) -> float | None:
     """Return h:mm:ss, h:mm, or numbers with units, largest first, in seconds; None for anything else."""
     if clock := re.fullmatch(r"(\d{1,9}):([0-5]\d)(?::([0-5]\d(?:\.\d{1,9})?))?", text):
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3] or 0.0)
-    if not re.fullmatch(rf"({_PART}\s*)+", text):
+    if not _PARTS.fullmatch(text):
         return None
-    parts = [(float(number), _UNITS_S[unit]) for number, unit in re.findall(_PART, text)]
+    parts = [(float(number), _UNITS_S[unit]) for number, unit in _PART.findall(text)]
     in_order = all(unit > smaller for (_, unit), (_, smaller) in pairwise(parts))
     return sum(number * unit for number, unit in parts) if in_order else None
 
