@@ -1906,6 +1906,9 @@ FUNCTION _identity_of(p_alias text, p_columns text[])
 FUNCTION _in_microseconds(p_path geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _insert_positions(p_scene text, p_key text[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[])
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1956,6 +1959,9 @@ FUNCTION _is_moved(p_attachment attachment)
 
 FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _is_old_slot(p_slot integer, p_until timestamp with time zone)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _is_once(p_activations tstzmultirange, p_schedule jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
