@@ -69,8 +69,13 @@ BEGIN
     END IF;
     RETURN greatest((SELECT max(m.proposal_id)
             FROM area a
-            JOIN proposal_move m ON m.scene_id = a.scene_id AND m.area_id = a.area_id AND m.version_after = a.version
+            JOIN proposal_move m ON m.scene_id = a.scene_id AND m.area_id = a.area_id
             JOIN proposal p ON p.proposal_id = m.proposal_id AND p.applied_at IS NOT NULL
+                -- A detection that expands a schedule makes another version.
+                AND (m.version_after = a.version
+                     OR a.schedule IS NOT NULL AND m.delay_s = 0 AND a.version > m.version_after
+                     AND a.footprint::bytea
+                         = CASE WHEN p.undone_at IS NULL THEN m.footprint ELSE m.planned_footprint END::bytea)
             JOIN change c ON c.scene_id = a.scene_id AND c.object_kind = 0 AND c.object_id = a.area_id
                              AND c.version = a.version
             WHERE a.scene_id = p_scene_id

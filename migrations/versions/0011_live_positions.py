@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8dc965a595427d05f756b631d7110fd24208a0bf4a87736b5676894a2bdf6ad3"
+routines_sha256 = "487badac149a396ebc77819946d9a78474cff40383993a4e518a5068db96b08f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

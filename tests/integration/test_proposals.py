@@ -797,3 +797,62 @@ def test_an_area_that_got_a_schedule_since_is_not_undone(db: Database) -> None:
     ask(db, put.format("""p_schedule => '[{"days": ["MON"], "periods": [["00:00", "01:00"]], "timezone": "UTC"}]'"""))
     with pytest.raises(InvalidInput, match="has changed since it was applied: area 'A'"):
         db.undo_proposal(number)
+
+
+WEEKLY = """'[{"days": ["MON"], "periods": [["00:00", "01:00"]], "timezone": "UTC"}]'"""
+TRIANGLE = "SRID=4326;POLYGON((0.4 -0.1, 0.6 -0.1, 0.6 0.1, 0.4 -0.1))"
+
+
+def ferry(db: Database) -> StoredScene:
+    """Return a scene with one track, across `TRIANGLE` on a Monday."""
+    ask(db, "SELECT conflictdb.create_scene('s')")
+    ask(
+        db,
+        "SELECT conflictdb.put_track('s', 'F', conflictdb.track_path('SRID=4326;LINESTRING(0 0, 1 0)', "
+        "ARRAY['2026-06-01 00:00Z', '2026-06-01 01:00Z']::timestamptz[]), "
+        "conflictdb.rectangle_outline(100, 100, 100, 100))",
+    )
+    return db.scene("s")
+
+
+def test_the_history_names_the_proposal_that_moved_a_weekly_area(db: Database) -> None:
+    """A detection expands its schedule, which is another version of the area; applied and undone."""
+    scene = ferry(db)
+    ask(db, f"SELECT conflictdb.put_area('s', 'A', '{TRIANGLE}', p_schedule => {WEEKLY})")
+    scene.detect(horizon_days=5000)
+    assert pairs(scene) == {("A", "F")}
+    number = scene.resolve(movable=["A"], keep=["F"], aside_m=80_000.0).proposal_id or 0
+    assert db.apply_proposal(number) == 1
+    scene.detect()
+    assert pairs(scene) == set()
+    assert db.undo_proposal(number) == 1
+    scene.detect()
+    assert pairs(scene) == {("A", "F")}
+    assert [(one.kind, one.proposal_id) for one in scene.conflict_events()][-2:] == [
+        ("closed", number),
+        ("opened", number),
+    ]
+
+
+def test_attached_areas_are_not_moved(db: Database, dsn: str) -> None:
+    """Their rows belong to their table: the proposal says so, and nothing has moved, with and without `attached`."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(
+            f"""
+            CREATE SCHEMA mission;
+            CREATE TABLE mission.zone (name text, shape geometry(Polygon, 4326), since timestamptz, until timestamptz);
+            INSERT INTO mission.zone VALUES ('A', '{TRIANGLE}', '2026-06-01 00:00Z', '2026-06-01 01:00Z');
+            """.encode()
+        )
+    scene = ferry(db)
+    scene.attach("area", "mission.zone", {"key": "name", "footprint": "shape", "start": "since", "end": "until"})
+    scene.detect()
+    assert pairs(scene) == {("A", "F")}
+    number = scene.resolve(movable=["A"], keep=["F"]).proposal_id or 0
+    rows = ask(db, "SELECT * FROM mission.zone")
+    for attached in (False, True):
+        with pytest.raises(InvalidInput, match="moves area 'A' of an attached table"):
+            db.apply_proposal(number, attached=attached)
+    assert ask(db, "SELECT * FROM mission.zone") == rows
+    scene.detect()
+    assert pairs(scene) == {("A", "F")}
