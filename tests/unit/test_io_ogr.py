@@ -223,6 +223,14 @@ def test_a_file_that_ogr_does_not_know_is_refused(tmp_path: Path) -> None:
         formats.read(tmp_path / "areas.xyz")
 
 
+def test_an_archive_of_another_format_is_to_be_unzipped(tmp_path: Path) -> None:
+    """Official zones are published so."""
+    with zipfile.ZipFile(tmp_path / "zones.zip", "w") as archive:
+        archive.writestr("zones.json", '{"features": []}')
+    with pytest.raises(InvalidInput, match="cannot be read by OGR as it is: unzip it, and load the files in it"):
+        formats.read(tmp_path / "zones.zip")
+
+
 @pytest.mark.parametrize("missing", ["pyogrio", "pyproj"])
 def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
     path = write_layer(tmp_path / "areas.gpkg", [SQUARE], crs="EPSG:3857")
