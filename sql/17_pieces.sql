@@ -46,9 +46,9 @@ BEGIN ATOMIC
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
-'One area of a scene without nulls: infinite instants and NaN heights (metres) mean unbounded, activations (array_send, '
-'starts and ends in turn) are empty for one span only, and a zero byte if a schedule is not expanded. Inlined into '
-'queries.';
+'One area of a scene without nulls: infinite instants and NaN heights (metres) mean unbounded, activations '
+'(array_send, starts and ends in turn) are empty for one span only, and a zero byte if a schedule is not expanded. '
+'Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,

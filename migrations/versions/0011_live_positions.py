@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "487badac149a396ebc77819946d9a78474cff40383993a4e518a5068db96b08f"
+routines_sha256 = "67b08a295bdbb98625d361fa90c2c2d597e8c1a99728cd1d8e024d595ff275c8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
