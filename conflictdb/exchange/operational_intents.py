@@ -15,6 +15,7 @@ from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, al
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
+from conflictdb.formats.file_objects import read_aside
 from conflictdb.formats.names import look_alike
 from conflictdb.formats.standards import Standard
 
@@ -121,13 +122,15 @@ def _read_intent(place: str, intent: Any, default_key: str, found: Gathered) -> 
 def _plan(who: str, key: str, extension: dict[str, Any]) -> Zone:
     """Return what `volumes_writing` wrote of an object besides its volumes; an intent owns its volumes."""
     fields = Fields(who, extension)
+    more = read_aside(fields)
     plan = Zone(
         key,
         (),
-        fields.text("name"),
+        more.pop("name", None),
         properties=_object(who, f"{EXTENSION}.properties", fields.get("properties") or {}),
-        object_class=fields.word("class"),
-        owner=fields.word("owner") or key,
+        object_class=more.pop("object_class", None),
+        owner=more.pop("owner", None) or key,
+        more=more,
     )
     fields.raise_found()
     return plan

@@ -16,6 +16,7 @@ from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields, finite, instant
 from conflictdb.formats.file_heights import height_m
+from conflictdb.formats.file_objects import read_aside
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
 from conflictdb.formats.names import look_alike
 from conflictdb.formats.standards import Standard
@@ -148,13 +149,11 @@ def _extended(who: str, zone: Zone, extended: Any) -> Zone:
     properties = {name: one for name, one in zone.properties.items() if name != "extendedProperties" or others}
     properties |= {"extendedProperties": others} if others else {}
     properties |= _object(who, f"extendedProperties.{EXTENSION}.properties", fields.get("properties") or {})
-    found = replace(
-        zone,
-        name=fields.text("name") or zone.name,
-        object_class=fields.word("class") if "class" in own else zone.object_class,
-        owner=fields.word("owner"),
-        properties=properties,
-    )
+    more = read_aside(fields)
+    if "class" in own:
+        zone = replace(zone, object_class=more.pop("object_class", None))
+    name, owner = more.pop("name", None) or zone.name, more.pop("owner", None)
+    found = replace(zone, name=name, owner=owner, properties=properties, more=more)
     fields.raise_found()
     return found
 

@@ -12,6 +12,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.exchange.uas_zones import CODES, EXTENSION, LONGEST_NAME
 from conflictdb.formats.file_heights import refuse_flight_levels
+from conflictdb.formats.file_objects import columns_aside
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of
@@ -79,8 +80,7 @@ def _extension(area: Area, kind: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if area.object_class != kind:
         found["class"] = area.object_class
-    if area.owner is not None:
-        found["owner"] = area.owner
+    found |= {name: one for name, one in columns_aside(area).items() if name not in ("class", "name")}
     if area.name is not None and len(area.name) > LONGEST_NAME:
         found["name"] = area.name
     known = _DEFAULTS.keys() | _OPTIONAL

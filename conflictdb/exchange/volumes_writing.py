@@ -22,11 +22,10 @@ from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.exchange.operational_intents import EXTENSION
 from conflictdb.formats.file_heights import refuse_flight_levels
-from conflictdb.formats.file_objects import plain_properties
+from conflictdb.formats.file_objects import columns_aside
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
-from conflictdb.model.plan_columns import Form
 from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
 from conflictdb.model.tolerances import PER_LEG
 
@@ -77,7 +76,7 @@ def _of_area(setup: Setup, area: Area) -> Iterator[Mapping[str, Any]]:
 
 def _extension(item: Area | Track) -> dict[str, Any]:
     """Return what the standard has no member for, as a member of the reference; `operational_intents` reads it."""
-    found = {**plain_properties(item, Form.TEXT, Form.WORD), "properties": dict(item.properties)}
+    found = {**columns_aside(item), "properties": dict(item.properties)}
     given = {name: one for name, one in found.items() if one}
     return {EXTENSION: given} if given else {}
 

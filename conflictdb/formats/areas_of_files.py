@@ -51,6 +51,7 @@ class Zone:
     active : spans; empty: at all times
     object_class : that separation rules name
     owner : volumes of one owner are not compared; None: those of this zone
+    more : other plain columns, by the fields of `Area`
     """
 
     key: str
@@ -60,6 +61,7 @@ class Zone:
     properties: Mapping[str, Any] = field(default_factory=dict)
     object_class: str | None = None
     owner: str | None = None
+    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 def areas_of(who: str, zone: Zone) -> Iterator[Area]:
@@ -85,6 +87,7 @@ def areas_of(who: str, zone: Zone) -> Iterator[Area]:
             object_class=zone.object_class,
             owner=zone.owner or (key if len(zone.volumes) > 1 else None),
             **active,
+            **zone.more,
         )
 
 

@@ -82,6 +82,10 @@ def _guarded(kind: str) -> tuple[str, ...]:
     return tuple(sorted((names | {DATUM}) - _ELSEWHERE - {"owner"}))
 
 
+# Plain columns of areas but heights and schedules, which other forms have in their way.
+_ASIDE: Final = tuple(
+    one for one in columns_of(AREA) if one.is_member and one.name not in ("floor_m", "ceiling_m", "schedule")
+)
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = _members(AREA)
 TRACK_MEMBERS: Final = _members(TRACK)
@@ -498,6 +502,17 @@ def track_properties(item: Track) -> dict[str, Any]:
             ceiling_m=None if item.ceilings_m is None else _listed(item.ceilings_m),
         ),
     }
+
+
+def columns_aside(item: Area | Track) -> dict[str, Any]:
+    """Return the columns that forms of other systems have no member for, as members of an extension of ours."""
+    given = [(one, getattr(item, one.field, one.absent)) for one in _ASIDE]
+    return {one.members[0]: value for one, value in given if value != one.absent}
+
+
+def read_aside(fields: Fields) -> dict[str, Any]:
+    """Return the members of `columns_aside` as fields of `Area`; errors are added to the fields' refusals."""
+    return {one.field: _READ[one.form](fields, one.members[0]) for one in _ASIDE if fields.has(one.members[0])}
 
 
 def plain_properties(item: Area | Track, *forms: Form) -> dict[str, Any]:

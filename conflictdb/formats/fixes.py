@@ -227,15 +227,16 @@ def _track_of(key: str, rows: Fixes, course: _Course, size_columns: Sequence[str
     outline_m = _outline(rows.largest, size_columns)
     assert outline_m is not None  # noqa: S101
     words: dict[str, Any] = {one.field: rows.ruled.get(one.members[0]) for one in columns_of(TRACK, Form.WORD)}
+    texts = {one.members[0]: one.field for one in columns_of(TRACK, Form.TEXT)}
+    words |= {field: rows.constant.get(name) for name, field in texts.items()}
     return Track(
         key,
         course.positions_deg,
         all_certain(course.times_us),
         outline_m,
-        name=rows.constant.get("name"),
         floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
         ceiling_m=None if "ceiling_m" in rows.unbounded else rows.largest.get("ceiling_m"),
-        properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
+        properties={name: v for name, v in rows.constant.items() if v is not None and name not in texts},
         **words,
         max_speed_kn=np.inf,  # unreachable fixes are left out
     )

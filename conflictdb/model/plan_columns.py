@@ -9,6 +9,8 @@ frames, requests, attached tables, branches, digests and the reference loop over
 - act on it: where objects are cut (core/pieces), or in the rule of a pair, which reads pieces, not plans;
   CONTRIBUTING.md lists the files of a column of pieces
 - model/plans.py: a field of `Area` or `Track`, for type checkers (without it the class has the field too)
+- tests/support/full_plans.py: a value, which all borders then carry; docs/reference/arrow.md: a row; CHANGELOG.md
+- a public routine of a release that it changes (put_area, put_track) is listed in sql/06_retired.sql
 
 A column of a plain form (TEXT, WORD, NUMBER, DOCUMENT) needs no more: batches of objects have it, see
 `arrays.column_numbers`. One of the form OWN needs a codec of its own in arrays/arrow/object_rows.py,

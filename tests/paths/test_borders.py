@@ -28,6 +28,7 @@ from conflictdb.formats.scene_file import feature_of, read_scene, scene_text
 from conflictdb.formats.writing_scenes import write_scene_file
 from conflictdb.map.editing import PlanMove, digest, moved
 from conflictdb.map.what_if import packed
+from conflictdb.model.plan_columns import AREA, TRACK, columns_of
 from conflictdb.model.plans import Area, Motion, Track, VerticalDatum
 from conflictdb.model.recurring_plans import later
 from conflictdb.spark.cut_objects import cut
@@ -245,13 +246,17 @@ _AS_VOLUMES: Final = {
     *("footprint", "start_us", "end_us", "spans_us", "positions_deg", "times_us", "departures_us", "outline_m"),
     *("outlines_m", "grow_mps", "floor_m", "ceiling_m", "floors_m", "ceilings_m", "tolerances"),
 }
-_OF_VOLUMES: Final = {"name", "object_class", "owner", "properties"}
 _REFUSED_BY_VOLUMES: Final = {"schedule", "legs"}
+_OF_VOLUMES: Final = {one.field for one in columns_of(AREA) if one.is_member or one.name == "properties"} - (
+    _AS_VOLUMES | _REFUSED_BY_VOLUMES
+)
+# Areas have no such.
+_ONLY_OF_TRACKS: Final = {one.field for one in columns_of(TRACK) if one.is_member and AREA not in one.kinds}
 
 
 @pytest.mark.parametrize("kind", [Area, Track])
 def test_every_field_in_operational_intents(tmp_path: Path, kind: type[Plan]) -> None:
-    assert values_of(kind).keys() - {"key"} <= _AS_VOLUMES | _OF_VOLUMES | _REFUSED_BY_VOLUMES
+    assert values_of(kind).keys() - {"key"} <= _AS_VOLUMES | _OF_VOLUMES | _REFUSED_BY_VOLUMES | _ONLY_OF_TRACKS
     settings, path = replace(SCENE, vertical_datum=VerticalDatum.WGS84), tmp_path / "plan.f3548.json"
     for one in specimens():
         if not isinstance(one.plan, kind) or len(one.fields) == 1:

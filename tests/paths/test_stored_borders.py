@@ -24,6 +24,7 @@ from conflictdb.errors import ConflictDBError
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.scene_file import plans_text, read_plans
 from conflictdb.jobs import probes
+from conflictdb.model.plan_columns import AREA, TRACK, columns_of
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.proposals import Goal, Move, Proposal
 from conflictdb.model.recurring_plans import later
@@ -31,40 +32,10 @@ from conflictdb.store.object_state_rows import object_states
 from conflictdb.store.proposal_rows import proposal_basis, put_proposal
 
 # Columns of tables, parameters of put_area and put_track, and members of plans of admit, by field.
-AREA_NAMES: Final = {
-    "key": "key",
-    "footprint": "footprint",
-    "name": "name",
-    "start_us": "active_span",
-    "end_us": "active_span",
-    "floor_m": "floor_m",
-    "ceiling_m": "ceiling_m",
-    "properties": "properties",
-    "object_class": "class",
-    "owner": "owner",
-    "spans_us": "activations",
-    "schedule": "schedule",
-}
-TRACK_NAMES: Final = {
-    "key": "key",
-    "positions_deg": "path",
-    "times_us": "path",
-    "outline_m": "outline",
-    "name": "name",
-    "floor_m": "floor_m",
-    "ceiling_m": "ceiling_m",
-    "properties": "properties",
-    "grow_mps": "grow_mps",
-    "outlines_m": "outlines",
-    "floors_m": "floors_m",
-    "ceilings_m": "ceilings_m",
-    "object_class": "class",
-    "owner": "owner",
-    "tolerances": "tolerances",
-    "departures_us": "departures",
-    "schedule": "schedule",
-    "legs": None,  # checked before, and not stored
-}
+AREA_NAMES, TRACK_NAMES = (
+    {"key": "key"} | {field: one.name for one in columns_of(kind) for field in one.python} for kind in (AREA, TRACK)
+)
+TRACK_NAMES |= {"legs": None}  # checked before, and not stored
 
 
 Way = Callable[[StoredScene, Plan], Plan]

@@ -34,8 +34,6 @@ VALUES: Final[dict[str, Any]] = {
 # Borders that hold what a standard, or a row for each position, has a place for, by name of the test or its parameter.
 NOT_GENERIC: Final = {
     "positions": "columns of rows for each position: new words only",
-    "ED-318": "the standard's members; class, owner and properties in an extension",
-    "test_every_field_in_operational_intents": "ASTM F3548: volumes; texts, words and properties in an extension",
     "test_field_that_no_border_knows_is_lost": "is about a field without a column",
 }
 plan_columns.PLAN_COLUMNS = (*plan_columns.PLAN_COLUMNS, *MADE_UP)  # type: ignore[misc]  # the one place
@@ -89,8 +87,5 @@ def pytest_sessionstart() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give SQL the names of the columns; leave out what is not generic."""
+    """Leave out what is not generic."""
     items[:] = [one for one in items if not any(name in one.name for name in NOT_GENERIC)]
-    for module in {one.module for one in items if isinstance(one, pytest.Function)}:
-        for kind, names in zip(KINDS, ("AREA_NAMES", "TRACK_NAMES"), strict=True):
-            getattr(module, names, {}).update({one.name: one.name for one in MADE_UP if kind in one.kinds})
