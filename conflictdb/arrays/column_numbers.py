@@ -27,6 +27,13 @@ NUMBERED: Final = {
     )
     for kind in KINDS
 }
+# Columns of pieces: numbers that the rule of a pair reads, by the first of NUMBERED, which areas and tracks share.
+IN_PIECES: Final = ("class_number", "owner_number")
+
+
+def piece_numbers(numbers: NDArray[np.int64], rows: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+    """Return the columns IN_PIECES of pieces, whose objects are rows of numbers (n, k) of NUMBERED."""
+    return {name: numbers[rows, place] for place, name in enumerate(IN_PIECES)}
 
 
 def measures(kind: str) -> Iterator[PlanColumn]:

@@ -105,16 +105,6 @@ class AreaBatch:
     def __len__(self) -> int:
         return len(self.area_id)
 
-    @property
-    def class_number(self) -> NDArray[np.int64]:
-        """The number of the class of each (n,)."""
-        return self.numbers[:, 0]
-
-    @property
-    def owner_number(self) -> NDArray[np.int64]:
-        """The number of the owner of each (n,)."""
-        return self.numbers[:, 1]
-
     def values(self, name: str) -> NDArray[np.float64]:
         """Return the values (n,) of a column of numbers that change answers, NaN without."""
         return values_in(AREA, self.numbers, name)
@@ -245,16 +235,6 @@ class TrackBatch:
 
     def __len__(self) -> int:
         return len(self.track_id)
-
-    @property
-    def class_number(self) -> NDArray[np.int64]:
-        """The number of the class of each (n,)."""
-        return self.numbers[:, 0]
-
-    @property
-    def owner_number(self) -> NDArray[np.int64]:
-        """The number of the owner of each (n,)."""
-        return self.numbers[:, 1]
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return the values (n,) of a column of numbers that change answers, NaN without."""

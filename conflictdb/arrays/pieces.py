@@ -100,6 +100,11 @@ class Pieces:
         return sum(array.nbytes for array in arrays.values())
 
     @property
+    def excuses(self) -> bool:
+        """Whether pairs may be left out for what their pieces have besides classes."""
+        return bool(self.owner_number.any())
+
+    @property
     def changes(self) -> bool:
         """Whether any haven has a different outline at the end of its leg."""
         return self.shape_to_xy is not self.shape_xy

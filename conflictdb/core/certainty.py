@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import TrackBatch
@@ -191,8 +192,7 @@ class _Leg:
             leg_start_deg=np.tile(self.start_deg, (n, 1)),
             leg_end_deg=np.tile(self.end_deg, (n, 1)),
             bearing_deg=np.full(n, self.bearing_deg),
-            class_number=none,
-            owner_number=none,
+            **dict.fromkeys(IN_PIECES, none),
         )
 
 

@@ -147,7 +147,7 @@ class Memory:
 
     def parts(self, scene: Scene) -> "list[tuple[Scene, Memory]]":
         """Return the settings of a scene's pairs, and these pieces for the pairs that have them."""
-        if self._only is not None or not (scene.rules or self.pieces.owner_number.any()):
+        if self._only is not None or not (scene.rules or self.pieces.excuses):
             return [(scene, self)]
         separations, parts = Separations.of(scene), []
         for one in separations.settings:

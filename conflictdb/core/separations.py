@@ -121,7 +121,7 @@ class Separations:
         Pairs that are not compared, and pairs further apart in time or height than their own settings ask for, are left
         out.
         """
-        if (self.of_types == 0).all() and not pieces.owner_number.any():
+        if (self.of_types == 0).all() and not pieces.excuses:
             yield self.settings[0], pieces, a, b
             return
         found = self._of_pieces(pieces, a, b)

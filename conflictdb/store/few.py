@@ -10,6 +10,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
@@ -57,8 +58,7 @@ _TYPES: Final = {
     "end_lon_deg": "double precision",
     "end_lat_deg": "double precision",
     "bearing_deg": "double precision",
-    "class_number": "bigint",
-    "owner_number": "bigint",
+    **dict.fromkeys(IN_PIECES, "bigint"),
 }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.pieces import Bundles, Pieces, level_m
 from conflictdb.arrays.ragged import offsets, ragged_take
 from conflictdb.kernel.boxes import boxes_of
@@ -24,7 +25,7 @@ PIECE_COLUMNS = [
     ("part", "i4"), ("turn", "i2"), ("start_us", "i8"), ("end_us", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"),
     ("ceiling_m", "f8"), ("leg_start_us", "i8"), ("leg_end_us", "i8"), ("start_lon_deg", "f8"),
     ("start_lat_deg", "f8"), ("end_lon_deg", "f8"), ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
-    ("class_number", "i8"), ("owner_number", "i8"),
+    *((name, "i8") for name in IN_PIECES),
 ]  # fmt: skip
 PIECE_STRINGS = ["hull", "shape", "shape_to", "parts", "cuts", "leg_times", "legs", "climb"]
 _LEG_NUMBERS = ("start_lon_deg", "start_lat_deg", "end_lon_deg", "end_lat_deg", "bearing_deg")
@@ -51,8 +52,7 @@ def scalars(bundles: Bundles, srid: int) -> dict[str, copy_binary.Column]:
         "span": copy_binary.spans(pieces.start_us[first], pieces.end_us[last], pieces.end_inclusive[last]),
         "floor_m": copy_binary.fixed(pieces.floor_m[first], "f8"),
         "ceiling_m": copy_binary.fixed(pieces.ceiling_m[first], "f8"),
-        "class_number": copy_binary.fixed(pieces.class_number[first], "i8"),
-        "owner_number": copy_binary.fixed(pieces.owner_number[first], "i8"),
+        **{name: copy_binary.fixed(getattr(pieces, name)[first], "i8") for name in IN_PIECES},
         "shape": copy_binary.where(shape, has_shape),
         "leg_start": copy_binary.nullable(copy_binary.instants(pieces.leg_start_us[first]), ~alone),
         "leg_end": copy_binary.nullable(copy_binary.instants(pieces.leg_end_us[first]), ~alone),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.arrays.column_numbers import piece_numbers
 from conflictdb.arrays.distinct import is_in
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
@@ -65,7 +66,9 @@ def _pieces_by_rules(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Piec
     distinct = list(dict.fromkeys(needs))
     of_type = np.array([distinct.index(one) for one in needs])
     for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
-        number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)]
+        every = np.arange(len(batch))
+        classes = piece_numbers(batch.numbers, every)["class_number"]
+        number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), classes)]
         for i in np.unique(number).tolist():
             some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
             both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
@@ -195,8 +198,7 @@ def _covers(
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
-        class_number=batch.class_number,
-        owner_number=batch.owner_number,
+        **piece_numbers(batch.numbers, np.arange(n)),
     )
 
 

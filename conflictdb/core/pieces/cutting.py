@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
+from conflictdb.arrays.column_numbers import piece_numbers
 from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import Activations, AreaBatch, Legs, TrackBatch
 from conflictdb.arrays.pieces import OF_TOLERANCES, Pieces, level_m
@@ -144,8 +145,7 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
-        class_number=areas.class_number[row_of],
-        owner_number=areas.owner_number[row_of],
+        **piece_numbers(areas.numbers, row_of),
     )
     hulls = kernel.hulls(setup.plane.kernel_plane, pieces, setup.scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
@@ -273,8 +273,7 @@ def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[P
         leg_start_deg=legs.start_deg[leg],
         leg_end_deg=legs.end_deg[leg],
         bearing_deg=legs.bearing_deg[leg],
-        class_number=tracks.class_number[track],
-        owner_number=tracks.owner_number[track],
+        **piece_numbers(tracks.numbers, track),
     )
     return pieces, leg
 
