@@ -7,9 +7,11 @@ from typing import get_type_hints
 import pytest
 from docs_scripts import script
 
+from conflictdb.arrays.column_numbers import IN_PIECES, NUMBERED
 from conflictdb.model import plan_columns
 from conflictdb.model.plan_columns import Form, columns_of
 from conflictdb.model.plans import Area, Track
+from conflictdb.model.rules import KINDS
 
 plan_sql = script("plan_sql")
 
@@ -26,6 +28,12 @@ def test_each_field_of_a_plan_is_of_one_column(kind: str, of: type) -> None:
     assert sorted(named) == sorted({field.name for field in fields(of)} - {"key", "legs"})
     # Type checkers know them all.
     assert set(named) <= get_type_hints(of).keys()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_of_pieces_are_the_first_of_both_kinds(kind: str) -> None:
+    """`piece_numbers` finds them by their places."""
+    assert tuple(f"{one.name}_number" for one in NUMBERED[kind])[: len(IN_PIECES)] == IN_PIECES
 
 
 def test_each_plain_value_has_a_rule() -> None:
