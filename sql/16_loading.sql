@@ -202,37 +202,46 @@ BEGIN
     unchanged := unchanged + v_rows - updated;
     IF _parent_of(v_scene_id) IS NOT NULL THEN
         -- Of the parent's objects that the branch shows: the same ones need no edit, others are changed by it.
-        DELETE FROM pg_temp.staged_area s USING _seen_areas(v_scene_id) a WHERE a.key = s.key AND (
-            /* area columns: WRITTEN(a) */
-            a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
-            CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
-            /* end */
-        ) IS NOT DISTINCT FROM (
-            /* area columns: STAGED(s) */
-            ST_SetSRID(s.footprint, 4326), tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
-            nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name, s.properties, s.class, s.owner, s.activations,
-            s.schedule
-            /* end */
-        );
-        GET DIAGNOSTICS v_same = ROW_COUNT;
-        DELETE FROM pg_temp.staged_track s USING _seen_tracks(v_scene_id) t WHERE t.key = s.key AND (
-            /* track columns: WRITTEN(t) */
-            t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
-            t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
-            /* end */
-        ) IS NOT DISTINCT FROM (
-            /* track columns: STAGED(s) */
-            ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name,
-            s.properties, nullif(s.grow_mps, 'NaN'), s.outlines, s.floors_m::double precision[],
-            s.ceilings_m::double precision[], s.class, s.owner, s.tolerances, s.departures, s.schedule
-            /* end */
-        );
-        GET DIAGNOSTICS v_rows = ROW_COUNT;
-        v_same := v_same + v_rows;
-        SELECT count(*) INTO v_changed
-            FROM (SELECT s.key FROM pg_temp.staged_area s UNION ALL SELECT s.key FROM pg_temp.staged_track s) s
-            WHERE EXISTS (SELECT FROM _seen_areas(v_scene_id) a WHERE a.key = s.key)
-                  OR EXISTS (SELECT FROM _seen_tracks(v_scene_id) t WHERE t.key = s.key);
+        WITH staged AS MATERIALIZED (
+            SELECT s.key FROM pg_temp.staged_area s UNION ALL SELECT s.key FROM pg_temp.staged_track s
+        ), seen_area AS MATERIALIZED (
+            SELECT a.* FROM _seen_areas(v_scene_id) a WHERE a.key IN (SELECT k.key FROM staged k)
+        ), seen_track AS MATERIALIZED (
+            SELECT t.* FROM _seen_tracks(v_scene_id) t WHERE t.key IN (SELECT k.key FROM staged k)
+        ), same_area AS (
+            DELETE FROM pg_temp.staged_area s USING seen_area a WHERE a.key = s.key AND (
+                /* area columns: WRITTEN(a) */
+                a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.name, a.properties, a.class, a.owner,
+                CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
+                /* end */
+            ) IS NOT DISTINCT FROM (
+                /* area columns: STAGED(s) */
+                ST_SetSRID(s.footprint, 4326),
+                tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')), nullif(s.floor_m, 'NaN'),
+                nullif(s.ceiling_m, 'NaN'), s.name, s.properties, s.class, s.owner, s.activations, s.schedule
+                /* end */
+            )
+            RETURNING s.key
+        ), same_track AS (
+            DELETE FROM pg_temp.staged_track s USING seen_track t WHERE t.key = s.key AND (
+                /* track columns: WRITTEN(t) */
+                t.path, t.outline, t.floor_m, t.ceiling_m, t.name, t.properties, t.grow_mps, t.outlines, t.floors_m,
+                t.ceilings_m, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END,
+                t.schedule
+                /* end */
+            ) IS NOT DISTINCT FROM (
+                /* track columns: STAGED(s) */
+                ST_SetSRID(s.path, 4326), s.outline, nullif(s.floor_m, 'NaN'), nullif(s.ceiling_m, 'NaN'), s.name,
+                s.properties, nullif(s.grow_mps, 'NaN'), s.outlines, s.floors_m::double precision[],
+                s.ceilings_m::double precision[], s.class, s.owner, s.tolerances, s.departures, s.schedule
+                /* end */
+            )
+            RETURNING s.key
+        )
+        SELECT (SELECT count(*) FROM same_area) + (SELECT count(*) FROM same_track),
+               (SELECT count(*) FROM seen_area) + (SELECT count(*) FROM seen_track)
+            INTO v_same, v_changed;
+        v_changed := v_changed - v_same;
         added := added - v_same - v_changed;
         updated := updated + v_changed;
         unchanged := unchanged + v_same;

@@ -102,6 +102,20 @@ $$;
 COMMENT ON FUNCTION _insert_positions(text, text[], bigint[], double precision[], double precision[]) IS
 'Inserts positions of tracks of a scene: PostgreSQL refuses COPY into tables with row-level security.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_with_positions() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    -- What feeds insert meanwhile is pruned with its partition.
+    DELETE FROM position p WHERE p.scene_id = OLD.scene_id;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_scene_with_positions() IS
+'Trigger: removes the positions of a removed scene. Runs as its owner: nobody else deletes positions. Restricted to '
+'that scene.';
+CREATE OR REPLACE TRIGGER scene_with_positions_removed AFTER DELETE ON scene
+    FOR EACH ROW EXECUTE FUNCTION _after_scene_with_positions();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._unknown_tracks(p_scene text, p_keys text[]) RETURNS SETOF text
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE

@@ -105,14 +105,15 @@ COMMENT ON FUNCTION _note_alarm(text, timestamptz, live_conflict) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
-    OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision
+    OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision, OUT as_of_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 BEGIN
     RETURN QUERY
         SELECT c.key, c.other_key, c.verdict, c.reason, (extract(epoch FROM c.first_contact) * 1000000)::bigint,
-               (extract(epoch FROM c.last_contact) * 1000000)::bigint, ST_X(c.place), ST_Y(c.place)
+               (extract(epoch FROM c.last_contact) * 1000000)::bigint, ST_X(c.place), ST_Y(c.place),
+               (extract(epoch FROM c.as_of) * 1000000)::bigint
         FROM live_conflict c
         WHERE c.scene_id = p_scene_id AND (c.key = ANY (p_keys) OR c.other_key = ANY (p_keys))
           AND NOT EXISTS (SELECT FROM live_state l
@@ -124,12 +125,13 @@ COMMENT ON FUNCTION _open_alarms(bigint, text[]) IS
 'Alarms of tracks with some keys, without those whose other track is off: only a look at that track finds what it may '
 'meet.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(p_now_us bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_alarms(
+    p_now_us bigint, p_ends_us bigint, p_off text
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    -- Latenesses waver by seconds.
-    c_over CONSTANT interval := '1 minute';
     v_now timestamptz := timestamptz 'epoch' + p_now_us * interval '1 microsecond';
+    v_over timestamptz := v_now - p_ends_us * interval '1 microsecond';
     v_one live_conflict;
 BEGIN
     IF NOT _may_look() THEN
@@ -137,7 +139,11 @@ BEGIN
     END IF;
     FOR v_one IN
         DELETE FROM live_conflict c
-            WHERE c.last_contact < v_now - c_over
+            WHERE c.last_contact < v_over
+               OR (c.reason = p_off AND c.as_of < v_over
+                   AND NOT EXISTS (SELECT FROM live_state l
+                                   WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key)
+                                     AND l.state = 'off'))
                -- An area may have the key of a removed track.
                OR NOT EXISTS (SELECT FROM live_state l
                               WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key))
@@ -150,9 +156,9 @@ BEGIN
     END LOOP;
 END
 $$;
-COMMENT ON FUNCTION _end_alarms(bigint) IS
-'Ends the alarms whose contact is over for a minute at an instant (microseconds), those of removed objects, and those '
-'of no track with positions. None while another session looks.';
+COMMENT ON FUNCTION _end_alarms(bigint, bigint, text) IS
+'Ends the alarms whose contact is over for p_ends_us at an instant (microseconds), those for the reason p_off whose '
+'tracks are on their plans again for as long, those of removed objects, and those of no track with positions. None while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],

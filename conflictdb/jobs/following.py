@@ -5,6 +5,7 @@ plans, shifted by their latenesses. A track that is off is somewhere in a disc t
 """
 
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from typing import Any, Final
 
 import numpy as np
@@ -21,11 +22,12 @@ from conflictdb.jobs.off_plan import around
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Conflict
 
-# An alarm ends when its pair has this much slack again, or its contact is over for this long: latenesses waver.
-_ENDS_AT_US: Final = 60_000_000
+# An alarm ends when its pair has this much slack again, or its contact is over, or its track is on its plan again, for
+# this long: latenesses waver, and so do ships at the edge of what is planned.
+ENDS_AT_US: Final = 60_000_000
 _NO_DELAYS: Final = "the scene stores no delays: set delays_within_s"
 _BEYOND: Final = "its lateness exceeds delays_within_s ({:g} s)"
-_OFF: Final = "off its plan: it may be anywhere that it can reach"
+OFF_REASON: Final = "off its plan: it may be anywhere that it can reach"
 _LOST: Final = "off its plan when it was last heard of"
 
 _PLANNED: Final = "planned"
@@ -35,9 +37,17 @@ Pair = tuple[str, str]
 
 
 def follow(
-    conn: psycopg.Connection[Any], scene_id: int, settings: Scene, states: Mapping[str, Kept], now_us: int
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    settings: Scene,
+    states: Mapping[str, Kept],
+    was_off: AbstractSet[str],
+    now_us: int,
 ) -> None:
-    """Store what follows from new states of tracks of a scene, which are stored, in the open transaction of a look."""
+    """Store what follows from new states of tracks of a scene, which are stored, in the open transaction of a look.
+
+    was_off : the keys of those that were off before
+    """
     rows = store.following(conn, scene_id, list(states))
     former = store.open_alarms(conn, scene_id, list(states))
     found: dict[Pair, store.Alarm] = {}
@@ -50,8 +60,8 @@ def follow(
     off = {key for key, state in states.items() if state.state == OFF}
     if off:
         plans, reached, lost = around(conn, scene_id, settings, off, now_us)
-        found |= {(key, ""): store.Alarm("may", _OFF) for key in lost}
-        found |= _alarms(settings, plans, {_pair(row): row for row in reached}, _OFF, now_us)
+        found |= {(key, ""): store.Alarm("may", OFF_REASON) for key in lost}
+        found |= _alarms(settings, plans, {_pair(row): row for row in reached}, OFF_REASON, now_us)
     near = {_pair(row): row.slack_us for row in rows}
     slack: dict[str, float] = {}
     for row in rows:
@@ -77,7 +87,11 @@ def follow(
             # Their distance rose, and falls again: another alarm.
             if last_us < now_us and (found[pair].first_us or 0) > max(last_us, now_us):
                 ended.append(pair)
-        elif last_us + _ENDS_AT_US < now_us or not 0 < near.get(pair, _ENDS_AT_US) < _ENDS_AT_US:
+        elif last_us >= now_us and alarm.reason == OFF_REASON and was_off & {*pair}:
+            found[pair] = alarm
+        elif last_us >= now_us and alarm.reason == OFF_REASON and (alarm.as_of_us or 0) + ENDS_AT_US >= now_us:
+            continue
+        elif last_us + ENDS_AT_US < now_us or not 0 < near.get(pair, ENDS_AT_US) < ENDS_AT_US:
             ended.append(pair)
     store.put_alarms(conn, scene_id, now_us, found, ended, slack)
 

@@ -20,7 +20,7 @@ from conflictdb.core.keeping import OFF, Kept, PlannedTimes
 from conflictdb.core.lateness import Positions, distances_off_m, lateness_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
-from conflictdb.jobs.following import follow
+from conflictdb.jobs.following import ENDS_AT_US, OFF_REASON, follow
 from conflictdb.model.plans import Scene
 
 _NO_AREAS: Final = AreaBatch.of([])
@@ -96,7 +96,7 @@ class Looks:
                 if one.key in former and one.track_id in cut.cut
             }
             self._put(conn, scene_id, cut, former, states, {one.key: one.track_id for one in some}, now_us)
-        store.end_alarms(conn, now_us)
+        store.end_alarms(conn, now_us, ENDS_AT_US, OFF_REASON)
 
     def _compare(
         self, conn: psycopg.Connection[Any], scene_id: int, heard: list[store.Heard], now_us: int, *, is_again: bool
@@ -161,7 +161,8 @@ class Looks:
             if not (state.is_as_planned and key in former and former[key].is_as_planned)
         }
         if changed:
-            follow(conn, scene_id, known.settings, changed, now_us)
+            was_off = {key for key in changed if key in former and former[key].state == OFF}
+            follow(conn, scene_id, known.settings, changed, was_off, now_us)
 
     def _cut(self, conn: psycopg.Connection[Any], scene_id: int, versions: dict[int, int]) -> _SceneLooks:
         """Return the plans of a scene that are cut, some tracks in these versions among them, unless they are gone."""

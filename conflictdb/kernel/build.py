@@ -40,7 +40,7 @@ LIBRARY = "libkernel.so"
 # The oldest processors of a machine's family, by `uname -m`; for other machines the default of `cc`.
 BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-march=armv8-a"}
 # The kernel alone, as C programs link it, and its description for pkg-config.
-IS_MAC = os.uname().sysname == "Darwin"
+IS_MAC = sys.platform == "darwin"
 ALONE = "libconflictdb-kernel"
 PKG_CONFIG = """\
 prefix={prefix}

@@ -24,7 +24,8 @@ def moves_of(
     delays: Mapping[str, int],
     exact: Mapping[str, int],
     speeds: Mapping[str, float],
-    ways: Mapping[str, NewWaypoints | NewPlace],
+    ways: Mapping[str, NewWaypoints],
+    places: Mapping[str, NewPlace],
     cleared: Iterable[tuple[str, str]],
     found: Differences,
     key_of: Mapping[int, str],
@@ -33,13 +34,13 @@ def moves_of(
     """Return the moves, by key.
 
     changed : all tracks as they are after the moves
-    delays, speeds, ways : of the plans that move, microseconds, factors, new waypoints and places
+    delays, speeds, ways, places : of the plans that move, microseconds, factors
     exact : the delays before they were rounded
     cleared : the pairs that are in conflict as planned, and no longer
     found : the differences of all plans that may move
     departs_at : when these depart then
     """
-    moving = sorted({*delays, *speeds, *ways}, key=str.encode)
+    moving = sorted({*delays, *speeds, *ways, *places}, key=str.encode)
     clears: dict[str, set[str]] = {key: set() for key in moving}
     for a, b in cleared:
         for key, other in ((a, b), (b, a)):
@@ -49,7 +50,7 @@ def moves_of(
     sides: dict[str, dict[str, Side]] = {}
     for key in moving:
         own = of_key.get(key)
-        if key in ways:
+        if key in ways or key in places:
             sides[key] = dict.fromkeys(clears[key], Side.CLEAR)
         elif key in speeds:
             sides[key] = {other: _side(speeds[key] < 1.0, changed[key], changed.get(other)) for other in clears[key]}
@@ -71,11 +72,8 @@ def moves_of(
             )
         cleared_keys = tuple(sorted(clears[key], key=str.encode))
         delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
-        way = ways.get(key)
-        detour = way if isinstance(way, NewWaypoints) else None
-        change = delay_s, speed, cleared_keys, tuple(passes), detour
-        place = way if isinstance(way, NewPlace) else None
-        moves.append(Move(key, *change, departs_at.get(key), is_area=key not in changed, place=place))
+        change = delay_s, speed, cleared_keys, tuple(passes), ways.get(key)
+        moves.append(Move(key, *change, departs_at.get(key), is_area=key not in changed, place=places.get(key)))
     return moves
 
 

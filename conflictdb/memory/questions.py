@@ -192,9 +192,11 @@ def delays_over(
     margins = options.margin.time_us / 1e6, options.margin.distance_m
     answers = delays_of_each(names, keys, found, of_row, horizon_us, leeways, margins)
     if options.has_slots:
+        order = np.argsort(of_row, kind="stable")
+        each_row = np.split(order, np.searchsorted(of_row[order], np.arange(1, len(answers))))
         for row, (answer, possible) in enumerate(zip(answers, leeways, strict=True)):
             if answer.departs_at is not None:
-                own = found.take(np.flatnonzero(of_row == row))
+                own = found.take(each_row[row])
                 least, most = options.window_us(possible.departs_us, possible.first_us, possible.last_us)
                 closed = closed_of(answer, own, least, most, keys, active)
                 answers[row] = replace(answer, slots=slots_of(answer, least, most, options.best), closed=closed)

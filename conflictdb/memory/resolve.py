@@ -254,9 +254,8 @@ def resolve(
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
     leaves = zip(moving, departs, strict=True)
     departs_at = {key: moment_of(at + delays.get(key, 0)) for key, at in leaves if at is not None}
-    ways_and_places: dict[str, NewWaypoints | NewPlace] = {**ways, **places}
     moves = moves_of(
-        scene, changed, areas, delays, exact, speeds, ways_and_places, before - after, found, key_of, departs_at
+        scene, changed, areas, delays, exact, speeds, ways, places, before - after, found, key_of, departs_at
     )
     return Proposal(
         tuple(moves),

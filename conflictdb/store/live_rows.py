@@ -87,13 +87,14 @@ class Following(NamedTuple):
 
 
 class Alarm(NamedTuple):
-    """A conflict that follows; None: unknown."""
+    """A conflict that follows; None: unknown. as_of_us : when a look found it last; None: this one."""
 
     verdict: str
     reason: str | None = None
     first_us: int | None = None
     last_us: int | None = None
     lonlat: tuple[float, float] | None = None
+    as_of_us: int | None = None
 
 
 class Straying(NamedTuple):
@@ -229,14 +230,18 @@ def open_alarms(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str
     """Return the alarms of tracks with some keys, without those whose other track is off."""
     found = {}
     for row in call_many(conn, "_open_alarms", scene_id, list(keys)):
-        key, other_key, verdict, reason, first_us, last_us, lon, lat = row
-        found[key, other_key] = Alarm(verdict, reason, first_us, last_us, None if lon is None else (lon, lat))
+        key, other_key, verdict, reason, first_us, last_us, lon, lat, as_of_us = row
+        place = None if lon is None else (lon, lat)
+        found[key, other_key] = Alarm(verdict, reason, first_us, last_us, place, as_of_us)
     return found
 
 
-def end_alarms(conn: psycopg.Connection[Any], now_us: int) -> None:
-    """End the alarms whose contact is over, and those of removed objects, in the open transaction."""
-    call(conn, "_end_alarms", now_us)
+def end_alarms(conn: psycopg.Connection[Any], now_us: int, ends_us: int, off: str) -> None:
+    """End the alarms whose contact is over for `ends_us`, and those of removed objects, in the open transaction.
+
+    off : the reason of alarms that also end when their tracks are on their plans again for as long
+    """
+    call(conn, "_end_alarms", now_us, ends_us, off)
 
 
 def put_alarms(

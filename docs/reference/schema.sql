@@ -1262,6 +1262,7 @@ CREATE TRIGGER scene_name_freed BEFORE INSERT OR UPDATE OF name ON conflictdb.sc
 CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
 CREATE TRIGGER scene_replicated AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_replicated_removal() -- replicas;
 CREATE TRIGGER scene_resettled AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((((old.motion IS DISTINCT FROM new.motion) OR (old.earth IS DISTINCT FROM new.earth)) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _after_scene_resettled() -- always;
+CREATE TRIGGER scene_with_positions_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_with_positions();
 CREATE TRIGGER track_before BEFORE INSERT OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _track_before() -- always;
 CREATE TRIGGER track_check_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _tracks_inserted();
 CREATE TRIGGER track_deleted AFTER DELETE ON conflictdb.track REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
@@ -1337,6 +1338,9 @@ FUNCTION _after_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_scene_resettled()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _after_scene_with_positions()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _allowed_types(p_scene_id bigint)
@@ -1735,7 +1739,7 @@ FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _end_alarms(p_now_us bigint)
+FUNCTION _end_alarms(p_now_us bigint, p_ends_us bigint, p_off text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[])
@@ -2233,7 +2237,7 @@ FUNCTION _oldest_editor(p_snapshot pg_snapshot)
 FUNCTION _on_map(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _open_alarms(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision)
+FUNCTION _open_alarms(p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text, OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision, OUT as_of_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _open_attached_schema()

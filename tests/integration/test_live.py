@@ -344,6 +344,27 @@ def test_old_positions_are_emptied_by_partitions(sea: Conn) -> None:
     assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (1,)
 
 
+def test_positions_go_with_their_scene(sea: Conn) -> None:
+    """At once, whoever removes it; those of other scenes stay, and so do those of a scene that is renamed."""
+    plan(sea, "A")
+    put(sea, "A", 20, 20 / 60)
+    sea.execute("SELECT conflictdb.create_scene('other')")
+    sea.execute(
+        "SELECT conflictdb.put_track('other', 'A', path, outline) FROM conflictdb.track"
+        " WHERE scene_id = (SELECT scene_id FROM conflictdb.scene WHERE name = 's')"
+    )
+    sea.execute(
+        "INSERT INTO conflictdb.position (scene, key, instant, place) "
+        "VALUES ('other', 'A', now(), 'SRID=4326;POINT(0 0)')"
+    )
+    sea.execute("UPDATE conflictdb.scene SET name = 'renamed' WHERE name = 's'")
+    assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (2,)
+    sea.execute("SET LOCAL ROLE conflictdb_editor")
+    sea.execute("DELETE FROM conflictdb.scene WHERE name = 'renamed'")
+    sea.execute("RESET ROLE")
+    assert sea.execute("SELECT scene FROM conflictdb.position").fetchall() == [("other",)]
+
+
 def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> None:
     """CSV as of AIS, and GPX; a file with a position in the future is refused as a whole."""
     plan(sea, "219000001")

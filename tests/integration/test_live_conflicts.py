@@ -228,9 +228,29 @@ def test_an_alarm_of_a_track_that_is_off_does_not_end_by_looks_at_the_other(conn
     alarm = look(conn, 25)["A", "B"]
     put(conn, "B", 25.5, 0.5, -0.5 + 20 / 60)
     assert look(conn, 25.5)["A", "B"] == alarm
-    # It ends by a look at A.
-    put(conn, "A", 26, 26 / 60, 0)
-    assert look(conn, 26).get(("A", "B")) != alarm
+    # It ends by looks at A.
+    for minute in (26, 27.5):
+        put(conn, "A", minute, minute / 60, 0)
+        found = look(conn, minute)
+    assert found.get(("A", "B")) != alarm
+
+
+def test_an_alarm_of_a_ship_at_the_edge_of_its_corridor_is_one(conn: Conn) -> None:
+    """A is off its plan, on it, and off again, near B: it ends when A is on its plan for a minute."""
+    detected(conn, [crossing("A", 0, north=False), crossing("B", 4, north=True)], delays_within_s=3600)
+    alarms = []
+    for minute in (20, 23, 26):
+        put(conn, "A", minute, minute / 60, -0.05)
+        alarms.append(look(conn, minute)["A", "B"][-1])
+        put(conn, "A", minute + 1.5, (minute + 1.5) / 60, 0)
+        alarms.append(look(conn, minute + 1.5)["A", "B"][-1])
+    assert len({*alarms}) == 1
+    put(conn, "A", 28, 28 / 60, 0)
+    assert ("A", "B") in look(conn, 28)
+    put(conn, "A", 29, 29 / 60, 0)
+    assert look(conn, 29) == {}
+    kinds = conn.execute("SELECT kind FROM conflictdb.live_events WHERE key = 'A' ORDER BY event").fetchall()
+    assert kinds == [("begun",), ("ended",)]
 
 
 @pytest.mark.parametrize(("delays_within_s", "other"), [(3600, "TOW"), (0, None)])

@@ -3,10 +3,12 @@
 import math
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from patience import WAIT_S
 
 from conflictdb.kernel import build
@@ -53,3 +55,9 @@ def test_its_directory_is_the_only_argument(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert "the directory to install the kernel alone into" in done.stderr
+
+
+def test_the_build_is_read_where_the_system_has_no_uname(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It asks when it builds, not when it is imported."""
+    monkeypatch.delattr(os, "uname")
+    assert runpy.run_path(str(build.HERE / "build.py"))["LIBRARY"] == build.LIBRARY
