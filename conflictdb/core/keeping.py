@@ -21,7 +21,7 @@ NEAR_US: Final = 60_000_000
 # Lengths of legs are rounded: this share faster counts as the same speed.
 _ROUNDING: Final = 1e-3
 # Slower than this, metres per second, a leg stands still.
-_STANDS_MPS: Final = 0.05
+STANDS_MPS: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class PlannedTimes:
         times_us = tracks.times_us[points]
         lasts_us = np.diff(times_us)
         speed = shortest_m(tracks.positions_deg[points]) * 1e6 / lasts_us
-        moves = speed > _STANDS_MPS
+        moves = speed > STANDS_MPS
         limits = tracks.tolerances[row] or {}
         given = np.atleast_1d(np.array(limits.get("max_speed_kn") or np.nan, np.float64))
         fastest = float(np.max(speed)) if np.isnan(given).any() else MPS_PER_KNOT * float(given.max())

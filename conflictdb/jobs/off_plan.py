@@ -18,6 +18,7 @@ from conflictdb import store
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.delays import Differences, differences_of
+from conflictdb.core.keeping import STANDS_MPS
 from conflictdb.core.members import Members
 from conflictdb.core.near import Memory
 from conflictdb.core.world import World
@@ -42,8 +43,8 @@ def around(
 ) -> tuple[Members, list[store.Following], list[str]]:
     """Return what tracks that are off may meet until they are silent, by keys of a scene; their states are stored.
 
-    Returns discs and plans, the pairs of these that may meet, and the keys of tracks whose discs leave the plane. The
-    verdict of each pair is may, and its first track is late by nothing.
+    Returns discs and plans, the pairs of these that may meet, and the keys of tracks without a disc: it would leave the
+    plane, or their plans stand still. The verdict of each pair is may, and its first track is late by nothing.
     """
     strays = store.straying(conn, scene_id)
     until_us = now_us + round(1e6 * store.silent_after_s(conn))
@@ -52,7 +53,9 @@ def around(
     beside = [one for one in strays if one.is_off and one.key not in off]
     beside = [beside[k] for k in _within_reach(settings, mine, beside, until_us)]
     world = World(Setup.of(settings))
-    discs, lost = _placed(world, [*mine, *beside], until_us)
+    # Of a plan that stands still, or whose speed is unknown, no disc contains where its track may be.
+    stopped = [one.key for one in mine if one.fastest_mps <= STANDS_MPS]
+    discs, lost = _placed(world, [one for one in (*mine, *beside) if one.fastest_mps > STANDS_MPS], until_us)
     # A lateness beyond is an alarm of its own.
     most_us = round(1e6 * settings.delays_within_s)
     late_us = {
@@ -75,7 +78,7 @@ def around(
     ]
     low_us, high_us = np.array([late_us.get(one.key, (0, 0)) for one in plans.each], np.int64).reshape(-1, 2).T
     pairs = _following(plans, Differences.concatenate(found), low_us, high_us)
-    return plans, pairs, [key for key in lost if key in off]
+    return plans, pairs, stopped + [key for key in lost if key in off]
 
 
 def _near(

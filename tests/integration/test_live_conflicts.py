@@ -235,6 +235,14 @@ def test_an_alarm_of_a_track_that_is_off_does_not_end_by_looks_at_the_other(conn
     assert found.get(("A", "B")) != alarm
 
 
+def test_a_ship_that_should_lie_still_and_is_off_may_be_anywhere(conn: Conn) -> None:
+    """Its plan says no speed: a disc that does not grow would contain nothing, and claim that it meets nobody."""
+    moored = replace(crossing("A", 0, north=False), positions_deg=[(0.0, 0.0), (0.0, 0.0)])
+    detected(conn, [moored, crossing("B", 0, north=True)], delays_within_s=3600)
+    put(conn, "A", 25, 0.48, -0.05)
+    assert look(conn, 25)["A", None][:2] == ("may", "off its plan: it may be anywhere that it can reach")
+
+
 def test_an_alarm_of_a_ship_at_the_edge_of_its_corridor_is_one(conn: Conn) -> None:
     """A is off its plan, on it, and off again, near B: it ends when A is on its plan for a minute."""
     detected(conn, [crossing("A", 0, north=False), crossing("B", 4, north=True)], delays_within_s=3600)

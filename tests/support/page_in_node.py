@@ -13,7 +13,7 @@ import conflictdb
 
 PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
 MODULES: Final = (
-    "kernel", "near", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "moved_plan",
+    "kernel", "near", "nearest", "pair_distance", "what_if", "moved_waypoint", "motion", "world", "moved_plan",
 )  # fmt: skip
 HORIZON_US: Final = 3_600_000_000
 # Reads scenes: [pack, [[key, moves], …]] each; prints the conflicts of each move, and what is forbidden to each key.

@@ -15,12 +15,17 @@ export async function nearestOf(kernel, source, key) {
   return null;
 }
 
-// The same within a reach, of the pieces of a pack.
+// The same within a reach, of the pieces of a pack. Throws an error for an object that cannot be cut: it may be nearer than all others.
 export function nearestIn(kernel, pack, key, reachM) {
   const object = pack.objects.indexOf(key);
   if (object < 0) return null;
-  const near = pairsNear(kernel, pack, object, { reachM, isTimed: true, heights: heightsUnder(pack, 0), isAllowed: true }).filter(({ isCovered }) => !isCovered);
+  const near = pairsNear(kernel, pack, object, { reachM, isTimed: true, heights: heightsUnder(pack, 0), isAllowed: true });
   if (!near.length) return null;
+  const covered = near.find(({ isCovered }) => isCovered);
+  if (covered) {
+    const unknown = pack.is_cover[covered.mine] ? covered.mine : covered.other;
+    throw new Error(`where ${pack.objects[pack.object[unknown]]} is, and when, cannot be computed`);
+  }
   const { pieces, pairs } = alone(pack, near);
   const ofObject = ({ other }) => pieces.object[other];
   pairs.sort((one, two) => ofObject(one) - ofObject(two));
