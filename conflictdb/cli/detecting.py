@@ -245,7 +245,7 @@ def _print_gone(scene: "StoredScene", args: argparse.Namespace) -> None:
         found = scene.conflict_events(*([] if args.key is None else [args.key]), since=args.since)
     except InvalidInput:  # a branch has no history
         return
-    last = {one.conflict_id: one for one in found}
+    last = {(one.a_key, one.b_key): one for one in found}
     gone = [one for one in last.values() if one.kind == "closed"]
     if not gone:
         return

@@ -330,6 +330,17 @@ def test_14_and_15_clear_the_scene_and_undo_it(day: Run) -> None:
     assert times(day("detect", "--format", "json")) == DAY
 
 
+def test_13_what_is_in_conflict_again_has_not_ended(day: Run) -> None:
+    """A conflict that closes and opens again has another number."""
+    number = str(day("resolve", "--within", "12h", "--format", "json").json["proposal_id"])
+    day("apply", number)
+    day("detect")
+    assert "7 conflicts have ended since" in day("conflicts", "--since", "1h").out
+    day("apply", number, "--undo")
+    day("detect")
+    assert "ended since" not in day("conflicts", "--since", "1h").out
+
+
 def test_16_try_a_change_in_a_branch_compare_and_merge(day: Run, tmp_path: Path) -> None:
     assert day("branch", "create", "trial", "--scene", "skagerrak").code == 0
     file = rewritten(tmp_path / "late.geojson", FERRY_NORTH={"start": "2026-12-01T06:20:00Z"})
