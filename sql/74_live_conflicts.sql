@@ -158,7 +158,8 @@ END
 $$;
 COMMENT ON FUNCTION _end_alarms(bigint, bigint, text) IS
 'Ends the alarms whose contact is over for p_ends_us at an instant (microseconds), those for the reason p_off whose '
-'tracks are on their plans again for as long, those of removed objects, and those of no track with positions. None while another session looks.';
+'tracks are on their plans again for as long, those of removed objects, and those of no track '
+'with positions. None while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_alarms(
     p_scene_id bigint, p_as_of_us bigint, p_key text[], p_other_key text[], p_verdict text[], p_reason text[],

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4db301b333ead7c2b5c11dcfb9f40d3075990a101d108df99f24176a735fc301"
+routines_sha256 = "0641896f6da1ddbe97203e1764a48c6424a976beafa2bab9a30903388aab485b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
