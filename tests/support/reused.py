@@ -200,7 +200,8 @@ class ReusedDatabase:
         if self._one(conn, HAS_LARGE_INDEXES):
             return False
         self._drop_added(conn)
-        self._empty(conn)
+        if not self._is_emptied(conn):
+            return False
         if names := self._one(conn, WRITTEN, {"names": list(CATALOGS)}):
             found = self._catalogs(conn, names, self._since)
             left = {row for _, _, written in found for row in written or ()} - self._rows
@@ -211,7 +212,7 @@ class ReusedDatabase:
         # On other servers autovacuum counts the changes of one test, as in a clone of its own.
         conn.execute("SELECT pg_stat_reset()")
         self._since = self._one(conn, "SELECT pg_current_xact_id()::xid")
-        return not self._full(conn)
+        return True
 
     def _drop_added(self, conn: psycopg.Connection[Any]) -> None:
         added = " UNION ALL ".join(
@@ -222,9 +223,11 @@ class ReusedDatabase:
         for kind, identity in conn.execute(added).fetchall():
             conn.execute(f"DROP {kind.replace('-', ' ')} IF EXISTS {identity} CASCADE")
 
-    def _empty(self, conn: psycopg.Connection[Any]) -> None:
-        emptied = set()
-        while full := [table for table in self._full(conn) if table not in emptied]:
+    def _is_emptied(self, conn: psycopg.Connection[Any]) -> bool:
+        emptied = set[str]()
+        while full := self._full(conn):
+            if emptied.issuperset(full):
+                return False
             conn.execute("; ".join(f"DELETE FROM {table}" for table in full))
             emptied.update(full)
         conn.execute(RESTART)
@@ -235,6 +238,7 @@ class ReusedDatabase:
         if changed:
             rows = ", ".join(f"({oid}, {pages}, {tuples}::real, {visible})" for oid, pages, tuples, visible in changed)
             conn.execute(FORGET.format(rows=rows))
+        return True
 
     def _full(self, conn: psycopg.Connection[Any]) -> list[str]:
         full = " UNION ALL ".join(f"SELECT '{table}' WHERE EXISTS (SELECT FROM {table})" for table in self._tables)
