@@ -17,6 +17,7 @@ from conflictdb.cli.load_report import (
     loaded_text,
     print_approaches,
     print_conflicts,
+    remark_incomplete,
     remark_loaded,
     require_current,
     run_text,
@@ -125,8 +126,11 @@ def conflicts(args: argparse.Namespace) -> int:
         check(args, [(others, "--live goes with --format table or json, --scene and --tz alone")])
         with database(args) as db:
             scene = db.scene(args.scene)
+            state = scene.state()
+            # What follows from latenesses is looked up in what the last detection stored.
+            remark_incomplete([state])
             _print_live(scene.live(), scene.live_conflicts(), args)
-        return DONE
+        return listed(state)
     with database(args) as db:
         wait(db, args)
         scene = db.scene(args.scene)

@@ -189,17 +189,22 @@ def _placed(world: World, strays: Sequence[store.Straying], until_us: int) -> tu
 
 
 def _disc(one: store.Straying, until_us: int) -> Track:
-    """Return the disc around the last position of a track that contains it later: a track that stands and grows."""
+    """Return the disc around the last position of a track that contains it later: a track that stands and grows.
+
+    It also contains all heights that it can reach: no track climbs or sinks faster than it may move.
+    """
+    until_us = max(until_us, one.at_us + 1_000_000)
     azimuth = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     radius_m = max(one.error_m, 1.0) / np.cos(np.pi / _CORNERS)
     outline = radius_m * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     height: dict[str, Any] = {}
     if one.height_m is not None:
-        height = {"floor_m": one.height_m - one.error_m, "ceiling_m": one.height_m + max(one.error_m, 1.0)}
+        reach_m = max(one.error_m, 1.0) + one.fastest_mps * _ages_s(one, until_us)
+        height = {"floor_m": one.height_m - reach_m, "ceiling_m": one.height_m + reach_m}
     return Track(
         one.key,
         [(one.lon, one.lat), (one.lon, one.lat)],
-        [one.at_us, max(until_us, one.at_us + 1_000_000)],
+        [one.at_us, until_us],
         outline,
         grow_mps=min(one.fastest_mps, MAX_GROWTH_MPS),
         object_class=one.class_,

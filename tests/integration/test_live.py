@@ -13,6 +13,7 @@ from commands import Run
 from psycopg import sql
 
 from conflictdb import InvalidInput, connect, store
+from conflictdb.cli.codes import NOT_CURRENT
 from conflictdb.jobs.looks import Looks
 from conflictdb.jobs.worker import Worker
 from conflictdb.store import LiveTrack
@@ -386,7 +387,11 @@ def test_files_of_positions(sea: Conn, dsn: str, run: Run, tmp_path: Path) -> No
     assert "1 ids are no tracks of the scene, and left out: '219000002'" in said.err
     assert "1 rows without a time or a place are left out" in said.err
     look(sea)
-    shown = run("conflicts", "--live", "--scene", "s").out
+    asked = run("conflicts", "--live", "--scene", "s")
+    # Plans that are not detected have no differences to look up.
+    assert "s: not complete: " in asked.err
+    assert asked.code == NOT_CURRENT
+    shown = asked.out
     alarm = "219000001 9 to 11 min late: may meet anything near (the scene stores no delays: set delays_within_s)"
     assert shown.splitlines()[0] == alarm
     assert [line.split()[:2] for line in shown.splitlines()[3:]] == [["219000001", "late"], ["F", "on"]]

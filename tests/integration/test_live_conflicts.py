@@ -185,6 +185,18 @@ def test_ships_off_their_plans_may_meet_each_other(conn: Conn, together: bool) -
     assert found["A", "C"][:2] == ("may", "off its plan: it may be anywhere that it can reach")
 
 
+@pytest.mark.parametrize(("above_m", "may_meet"), [(2_000.0, True), (60_000.0, False)])
+def test_an_aircraft_off_its_plan_may_climb(conn: Conn, above_m: float, may_meet: bool) -> None:
+    """It may climb as fast as it may move, a mile a minute, until it is silent."""
+    heights = [{"floor_m": 900.0, "ceiling_m": 1_100.0}, {"floor_m": 900.0 + above_m, "ceiling_m": 1_100.0 + above_m}]
+    plans = [crossing("A", 0, north=False), crossing("B", 0, north=True)]
+    flights = [replace(plan, **height) for plan, height in zip(plans, heights, strict=True)]
+    detected(conn, flights, delays_within_s=3600)
+    put(conn, "A", 25, 0.48, -0.05)
+    conn.execute("UPDATE conflictdb.position SET height_m = 1000")
+    assert (("A", "B") in look(conn, 25)) is may_meet
+
+
 @pytest.mark.parametrize("rule", ["allowed", None])
 def test_ships_off_their_plans_are_compared_by_the_rules(conn: Conn, rule: str | None) -> None:
     """As planned: classes that may meet raise no alarm."""
