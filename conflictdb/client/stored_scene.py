@@ -555,29 +555,10 @@ class StoredScene:
     ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
-        Looked up if the scene is current and stores them (`delays_within_s`); else computed from the objects as they
-        are stored, whether they were detected or not: the same answer. Delays are of one object at a time: everything
-        else departs as planned.
+        Looked up if the scene is current and stores them (`delays_within_s`); else computed from the stored objects,
+        detected or not: the same answer. Delays are of one object at a time: everything else departs as planned.
 
-        Parameters
-        ----------
-        key : str, optional
-            A track or an area; by default each track is asked about.
-        within_s : float
-            The horizon: delays of up to this many seconds, either way.
-        now : instant, optional
-            Nothing departs before it: earlier delays are not possible, nor any of what has departed.
-        clear_within_m : float, optional
-            Compute `clear_by_m` of tracks, too, up to this many metres; by default it is None.
-        waypoint : int, optional
-            The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of
-            departing later, with the heading, haven and heights of the end of the leg before.
-        margin_s, margin_m : float
-            Wanted on top of the required separations in time and in distance.
-        start, end : instant, optional
-            Return the free windows of departures between these as `slots`, and what closes the others as `closed`.
-        best : int, optional
-            Return at most so many windows, those nearest to the planned departure.
+        The parameters are those of `conflictdb.delays`.
 
         Raises InvalidInput for an unknown scene or object.
         """
@@ -599,8 +580,8 @@ class StoredScene:
     ) -> "list[FreePlace]":
         """Return the least shift of an area along each bearing with which it meets nothing; nothing is stored.
 
-        Computed from the objects as they are stored, whether they were detected or not. The area moves at its true
-        size, by whole tenths of a unit; a detection of the moved copy has checked each place.
+        Computed from the stored objects, detected or not. The area moves at its true size, by whole tenths of a unit; a
+        detection of the moved copy has checked each place.
 
         aside_m : the farthest shift, metres
         bearings_deg : degrees clockwise from north; by default eight of them
@@ -624,17 +605,10 @@ class StoredScene:
     ) -> list[Speeds]:
         """Return at which speeds each track could go instead: those in conflict, and the nearest that are not.
 
-        Computed from the objects as they are stored, whether they were detected or not. One track at a time has another
-        speed, on all legs; it departs as planned, and everything else stays as planned.
+        Computed from the stored objects, detected or not. One track at a time has another speed, on all legs; it
+        departs as planned, and everything else stays as planned.
 
-        Parameters
-        ----------
-        key : str, optional
-            A track; by default each track is asked about.
-        slowest, fastest : float
-            The limits: factors of the planned speed, from 1/100 to 1, and from 1 to 100.
-        leg : int, optional
-            Only this leg of the track, which needs a key then, has another speed, 1 the first.
+        The parameters are those of `conflictdb.speeds`; `slowest` is at least 1/100, `fastest` at most 100.
 
         Raises InvalidInput for an unknown scene, track or leg.
         """
@@ -665,9 +639,9 @@ class StoredScene:
     ) -> "Proposal":
         """Return the least changes of departures that clear the scene, and store them as a proposal.
 
-        Computed from the objects as they are stored, whether they were detected or not; verified by a detection of the
-        whole changed scene. Nothing moves until `Database.apply_proposal` is called with its `proposal_id`. The
-        parameters are those of `conflictdb.resolve`.
+        Computed from the stored objects, detected or not; verified by a detection of the whole changed scene. Nothing
+        moves until `Database.apply_proposal` is called with its `proposal_id`. The parameters are those of
+        `conflictdb.resolve`.
 
         Raises InvalidInput for unknown keys, for limits that are none, and if the scene changes meanwhile.
         """
@@ -699,8 +673,8 @@ class StoredScene:
     def detours(self, key: str, most_m: float = 20_000.0, later_s: float = 7200.0) -> "list[Detour]":
         """Return ways on which a track meets nothing, shortest first; nothing is stored.
 
-        Computed from the objects as they are stored, whether they were detected or not. The parameters are those of
-        `conflictdb.detours`. Raises InvalidInput for an unknown track, and for limits that are none.
+        Computed from the stored objects, detected or not. The parameters are those of `conflictdb.detours`. Raises
+        InvalidInput for an unknown track, and for limits that are none.
         """
         from conflictdb.memory.detours import detours
 
