@@ -11,9 +11,6 @@ from typing import Any
 def exports(package: str, file: str) -> Callable[[str], Any]:
     """Return the `__getattr__` of a package that imports each name of its block `if TYPE_CHECKING` at first use.
 
-    A command that lists conflicts starts without the solvers. Type checkers, linters and readers see usual imports, and
-    no name is listed twice.
-
     Parameters
     ----------
     package, file : str

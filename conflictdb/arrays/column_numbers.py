@@ -1,6 +1,6 @@
 """Give values of plain columns that change answers 64-bit numbers: a word its digest (`_word_number` in SQL).
 
-Words cost too much in arrays of pieces. The number of a number has its bits.
+The number of a number has its bits.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Process many rows at once, isolating rows that fail.
 
-An exception in one of a million rows would lose the results of all. A batch that fails is therefore halved until each
-failing row is alone, and that row gets a result that is safe for any row.
+A batch that fails is halved until each failing row is alone, and that row gets a result that is safe for any
+row.
 """
 
 import logging

@@ -63,7 +63,7 @@ def demo(args: argparse.Namespace) -> int:
 
 
 def _is_watched() -> bool:
-    """Return whether a person sees this, who has what the map needs."""
+    """Return whether a person sees this."""
     is_terminal = sys.stdin.isatty() and sys.stdout.isatty() and not os.environ.get("CI")
     return is_terminal and all(map(find_spec, ("starlette", "uvicorn")))
 

@@ -71,8 +71,6 @@ def print_conflicts(
 ) -> None:
     """Print conflicts as a table, JSON, CSV, GeoJSON, GPX, iCalendar or GeoParquet, and remarks on incomplete scenes.
 
-    All formats but the table, which has the worst first, are printed as a stream.
-
     known_depths : returns how deep conflicts are, for the table
     activations : of an area, for iCalendar
     """

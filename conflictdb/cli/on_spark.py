@@ -109,7 +109,6 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
 
 
 def _with_options(args: argparse.Namespace, scene: Scene) -> Scene:
-    """Return a scene with the settings in the options."""
     return replace(scene, **given(args), **({} if args.scene is None else {"name": args.scene}))
 
 

@@ -49,10 +49,7 @@ def program() -> str:
 
 
 def as_called(text: str) -> str:
-    """Replace `conflictdb COMMAND` in a message by the command as this program was called, so that it can be typed.
-
-    Under ./run, advice to install an extra with pip becomes `./run extras`, which installs into its own environment.
-    """
+    """Replace `conflictdb COMMAND` in a message by the command as this program was called, so that it can be typed."""
     if "CONFLICTDB_PROGRAM" in os.environ:
         text = _INSTALL_EXTRA.sub(f"{program()} extras", text)
     return text.replace("`conflictdb ", f"`{program()} ")

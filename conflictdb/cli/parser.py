@@ -100,10 +100,7 @@ class Parser(argparse.ArgumentParser):
         return namespace, []
 
     def _with_positionals_first(self, args: list[str]) -> list[str]:
-        """Return the arguments of a command with its positional ones first: options may stand between these.
-
-        The library fills all positional arguments from those before the first option.
-        """
+        """Return the arguments of a command with its positional ones first."""
         if "--" in args or any(isinstance(one, argparse._SubParsersAction) for one in self._actions):
             return args
         known, first, others = self._option_string_actions, list[str](), list[str]()
@@ -150,7 +147,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"needs {' and '.join(action.metavar)}") from None
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Raise ArgumentError for an unknown choice; for a command it names the one that was probably meant."""
+        """Raise ArgumentError for an unknown choice."""
         if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
             super()._check_value(action, value)
             return

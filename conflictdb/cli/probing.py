@@ -167,7 +167,6 @@ def _of_files(args: argparse.Namespace, scene: Scene) -> list[Area | Track]:
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:
-    """Return the plans that options describe."""
     plans: list[Area | Track] = []
     key = args.key or "plan"
     heights = {"floor_m": args.floor_m, "ceiling_m": args.ceiling_m}

@@ -37,7 +37,6 @@ def load(args: argparse.Namespace) -> int:
 
 
 def _load_positions(args: argparse.Namespace) -> int:
-    """Insert the positions of files."""
     given = {"--replace": args.replace, "--layer": args.layer, "--haven": args.haven, "--speed-kn": args.speed_kn}
     given |= {"--departure": args.departure, "--max-gap": args.max_gap, "--max-speed-kn": args.max_speed_kn}
     given |= {"--skip-invalid": args.skip_invalid, "--unbounded-heights": args.unbounded_heights}

@@ -52,7 +52,7 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
 
 
 def _remark_once(of: type[Warning]) -> None:
-    """Print each warning of a category as one remark, until `warnings.catch_warnings` restores the former state."""
+    """Print each warning of a category as one remark."""
     show, seen = warnings.showwarning, set[str]()
 
     def once(

@@ -1,4 +1,4 @@
-"""Tables, and how they fit a terminal. One rule for all of them: see `table`."""
+"""Tables, and how they fit a terminal."""
 
 import os
 import shutil

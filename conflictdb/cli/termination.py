@@ -2,7 +2,7 @@
 
 Python raises in the main thread only, and only between its own steps: a long step of compiled code or a dead network
 delays that. A separate thread therefore receives the signal at once, and ends the process if it still runs after some
-seconds. The server notices the lost connection, and rolls back.
+seconds.
 """
 
 import os

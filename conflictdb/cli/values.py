@@ -1,4 +1,4 @@
-"""Parse values of the command line: numbers with units, instants, places. Each error states its rule."""
+"""Parse values of the command line: numbers with units, instants, places."""
 
 import argparse
 import os

@@ -55,7 +55,6 @@ def work(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    """Replay a file of positions."""
     from conflictdb.formats.reading import read_observed
     from conflictdb.jobs.replay import replay
 

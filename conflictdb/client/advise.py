@@ -5,8 +5,6 @@ without repetition and with equal chance, and solved with each setting. The refe
 tolerance 0 on the same pairs.
 
 Seconds are processor time on this machine for a full detection that changes every row, as after a change of method.
-Pieces and stages 3 and 4 are measured. The database's part is set in proportion to the time for pieces, by the ratios
-below. `benchmarks/advice.py` compares the sum with detections.
 """
 
 import time

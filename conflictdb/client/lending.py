@@ -41,10 +41,7 @@ def borrow(
 
 
 def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":
-    """Return the psycopg connection of an SQLAlchemy connection, in a transaction if SQLAlchemy considers it in one.
-
-    SQLAlchemy begins a transaction only with its first statement; ours would otherwise be a transaction of its own.
-    """
+    """Return the psycopg connection of an SQLAlchemy connection, in a transaction if SQLAlchemy considers it in one."""
     connection = cast("psycopg.Connection[Any]", lender.connection.driver_connection)
     if lender.in_transaction():
         store.join(connection)

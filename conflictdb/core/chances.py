@@ -4,8 +4,7 @@ A track departs X later than planned, whole plan and all. X is normal, uniform o
 other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`core.delays`), whose outer
 intervals give the bound from above, and whose inner intervals that from below. A separation in time is part of them.
 
-The work is bounded: pairs and tracks share a number of values of distributions (`_Budget`). Where it does not suffice,
-the values of an empirical distribution are taken in groups, and cells are larger: bounds are wider.
+The work is bounded: pairs and tracks share a number of values of distributions (`_Budget`).
 """
 
 from collections.abc import Callable, Mapping
@@ -187,9 +186,6 @@ def _chance_of_any(
     departure: Uncertain, rivals: list[_Rival], pairs: list[Bounds], tail: float, budget: _Budget
 ) -> Bounds:
     """Return bounds on the probability that a track meets any of some objects, and of others with a probability `tail`.
-
-    Given the delay of the track, conflicts are independent. So the delay is divided into cells, and within each the
-    probability of each conflict is bounded. It is at least the largest of the probabilities, and at most their sum.
 
     pairs : the bounds of each
     """

@@ -17,8 +17,7 @@ _Ints = NDArray[np.int64]
 def overlap_at_one_time(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[Floats, Floats, Floats]:
     """Return when the heights of pairs (n,) overlap: first and last, seconds after the start of the shared span.
 
-    Also return by how much each end may be too early or too late, seconds. The first is later than the last if they
-    never overlap. -inf, inf and 0 for pairs without a climb.
+    Also return the errors of both: see `kernel.height_overlaps`.
     """
     if pieces.climbs().any():
         return height_overlaps(pieces, a, b)

@@ -127,10 +127,7 @@ def _with_touches(
     work: kernel.Work,
     threads: int,
 ) -> tuple[Conflicts, NDArray[np.int64]]:
-    """Return the conflicts with the closest approach of pairs that touch, and the other rows of `rows` (k,).
-
-    The search for contacts finds the first touch in a fifth of the time that the search for the least distance takes.
-    """
+    """Return the conflicts with the closest approach of pairs that touch, and the other rows of `rows` (k,)."""
     scene = replace(meetings.setup.scene, method=Method.EXACT, separation_m=0.0, tolerance_m=0.0)
     asked = _during_contacts(meetings, rows)
     pieces = prepared.pieces
@@ -168,7 +165,7 @@ def _with_touches(
 
 
 def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Queries:
-    """Return queries for pairs of objects (k,) during their contacts; at other times they are further apart."""
+    """Return queries for pairs of objects (k,) during their contacts."""
     offset, contacts = ragged_rows(meetings.offset, rows)
     a, b = PieceRows(meetings.a[contacts]), PieceRows(meetings.b[contacts])
     group = np.repeat(np.arange(len(rows)), np.diff(offset))

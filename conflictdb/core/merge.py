@@ -116,8 +116,6 @@ def merged(
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
     """Return (n,) whether contacts of a group are with several parts of one area.
 
-    An overlap that is deeper in an area than in each part comes within the tolerance of two parts: both have a contact.
-
     a, b : (m,) the pieces of each contact
     group : (m,) its pair of objects
     """

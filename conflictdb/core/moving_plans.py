@@ -100,7 +100,6 @@ def exchanged(a: Area | Track, b: Area | Track) -> tuple[Area | Track, Area | Tr
 
 
 def _active_as(area: Area, other: Area) -> Area:
-    """Return an area with the times of another."""
     start: Any = None if other.start_us is None else certain(other.start_us)
     end: Any = None if other.end_us is None else certain(other.end_us)
     spans: Any = other.spans_us and [[None if at is None else certain(at) for at in span] for span in other.spans_us]

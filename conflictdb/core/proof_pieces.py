@@ -1,7 +1,7 @@
 """Number the pieces of a scene as proofs do, so that a checker builds the same ones from the objects alone.
 
 Pieces count from 0 in the order of objects. A track has, for each departure, its slices in order of time; an area has,
-for each span, its parts. The scene file has no slices and no parts: `Cuts` says them.
+for each span, its parts.
 """
 
 from dataclasses import dataclass, replace

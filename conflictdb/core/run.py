@@ -358,5 +358,4 @@ def _some(heights: _Heights, rows: PairRows) -> _Heights:
 
 
 def _members(pairs: Pairs, rows: PairRows) -> tuple[PieceRows, PieceRows]:
-    """Return the pieces of some pairs."""
     return PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows])

@@ -169,7 +169,7 @@ def _band(floor_m: Floats, ceiling_m: Floats) -> tuple[Floats, Floats]:
 
 
 def _to_nanometres(height_m: Floats) -> Floats:
-    """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
+    """Return heights rounded; from _MOST_ROUNDED_M on they are too coarse."""
     return np.where(
         np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 9), height_m
     )

@@ -104,7 +104,6 @@ def _departure(delays: Delays) -> datetime:
 
 
 def _between(departs_at: datetime, low: int, high: int) -> tuple[datetime, datetime]:
-    """Return two departures, cut off at the years that there are."""
     return _later(departs_at, low), _later(departs_at, high)
 
 

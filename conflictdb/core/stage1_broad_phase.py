@@ -1,7 +1,4 @@
-"""Stage 1 in memory: the pairs of pieces that may meet (`kernel.boxes.may_meet`).
-
-The database has the same rule for rows of pieces, and leaves those of a bundle to the kernel; both find the same pairs.
-"""
+"""Stage 1 in memory: the pairs of pieces that may meet (`kernel.boxes.may_meet`)."""
 
 from collections.abc import Iterator
 from typing import Final

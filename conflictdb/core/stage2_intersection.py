@@ -1,7 +1,4 @@
-"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1).
-
-The client's form of `sql/21_stage2_intersection.sql`; it also confirms the pairs that come from there.
-"""
+"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1)."""
 
 import numpy as np
 import shapely
@@ -18,7 +15,7 @@ from conflictdb.model.results import Kind
 def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) -> Pairs:
     """Return the candidates (a, b) whose hulls meet, in their order.
 
-    regions : whether to compute the regions in which they do; of pairs of areas nobody asks for them
+    regions : whether to compute the regions in which they do
     """
     met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
     a, b = PieceRows(a[met]), PieceRows(b[met])

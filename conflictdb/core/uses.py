@@ -1,7 +1,7 @@
 """Uses of one place by two pieces within the separation in time: of areas, and as contacts at one time.
 
 An area is at its place all the time: widening its span by T leaves an ordinary question. `as_contacts` puts uses in the
-form of contacts at one time, so that merging and regions need no other code.
+form of contacts at one time.
 """
 
 from collections.abc import Sequence

@@ -164,10 +164,7 @@ class Gnomonic:
         return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
-        """Return unit vectors (3, ...) towards points, in the frame (E, N, C) of the centre.
-
-        Computed from differences to the centre, so that small scenes have small coordinates with all digits.
-        """
+        """Return unit vectors (3, ...) towards points, in the frame (E, N, C) of the centre."""
         lat = np.asarray(lat_deg, dtype=np.float64)
         turn = self._turn_deg(lon_deg)
         (sine, cosine), (sine_turn, cosine_turn) = direction_of(lat), direction_of(turn)

@@ -20,7 +20,7 @@ MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 
 @cache
 def _kernel_plane(earth: Earth) -> kernel.KernelPlane:
-    """Return the plane of a figure of the earth. Figures are few, and no caller changes a plane."""
+    """Return the plane of a figure of the earth."""
     kind = kernel.KernelPlane.MERCATOR
     plane = kernel.KernelPlane(kind, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
     plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity

@@ -193,7 +193,7 @@ class Cluster:
         return None
 
     def _interrupt(self, pid: int) -> None:
-        """Send SIGINT as the account: a file of it named the process."""
+        """Send SIGINT as the account."""
         if self._account.switch:
             self._account.run(["/bin/sh", "-c", 'kill -INT "$1"', "sh", str(pid)], os.environ)
         else:
@@ -285,7 +285,7 @@ class Cluster:
             raise ServerError(f"{self.data} is no PostgreSQL data directory: move it away") from None
 
     def _initialise(self, server: Server, lock: int) -> None:
-        """Create the data directory; an interrupt stops that, and if this process is killed others wait for the end."""
+        """Create the data directory."""
         script = Path(__file__).with_name("initialise.sh").read_text()
         durable = "yes" if self._durable else "no"
         command = ["/bin/sh", "-c", script, "initialise", str(self.home), str(server.bin), durable]
@@ -311,10 +311,7 @@ class Cluster:
             raise ServerError("\n".join([f"{server} could not make a data directory in {self.home}:", *last]))
 
     def _launch(self, server: Server) -> int:
-        """Start the server under its supervisor; return the write end of the FIFO, open from the beginning.
-
-        The supervisor inherits the read end, so that it sees end-of-file even if this process is killed right now.
-        """
+        """Start the server under its supervisor; return the write end of the FIFO, open from the beginning."""
         reading, alive = self._made_alive()
         try:
             self._supervise(server, reading)
@@ -326,7 +323,7 @@ class Cluster:
         return alive
 
     def _made_alive(self) -> tuple[int, int]:
-        """Create a FIFO for a new server and return its read and write end; earlier users keep the old one."""
+        """Create a FIFO for a new server and return its read and write end."""
         fresh = self.home / "alive.new"
         fresh.unlink(missing_ok=True)
         os.mkfifo(fresh, 0o600)
@@ -386,7 +383,7 @@ class Cluster:
         return pid, lines[7].strip() if len(lines) > 7 else "starting", sockets
 
     def _is_socket_directory(self, place: Path) -> bool:
-        """Return whether clients may look for the socket there: the name of a host would be asked over the network."""
+        """Return whether clients may look for the socket there."""
         try:
             state = place.lstat()
         except OSError:
@@ -419,7 +416,7 @@ def _other_end_closed(writing: int) -> bool:
 
 
 def _is_server_of(pid: int, data: Path) -> bool:
-    """Return whether a process is the server of a data directory; after a crash another may have its number."""
+    """Return whether a process is the server of a data directory."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, PermissionError):  # our own server never refuses the signal

@@ -1,8 +1,7 @@
 """Fetch PostgreSQL with PostGIS from the machine's own Debian or Ubuntu archive into a cache.
 
 Nothing is installed and no root is needed: apt works on a private state, and the packages it has verified are unpacked,
-not configured. Packages that the machine has (above all its C library) are not fetched. An unpacked tree gets no
-security updates, so it only ever serves a private socket.
+not configured. Packages that the machine has (above all its C library) are not fetched.
 """
 
 import fcntl
@@ -210,10 +209,7 @@ class _PrivateApt:
         return cls(part, ("-c", str(config), *(f"-o{key}={value}" for key, value in options.items())))
 
     def update(self) -> str:
-        """Fetch the package lists; return the first complaint, empty if there is none.
-
-        A source that fails (often a third party's) is not an error: the packages of the others decide.
-        """
+        """Fetch the package lists; return the first complaint, empty if there is none."""
         answer = _run(["apt-get", *self.options, "-q", "update"])
         complaints = [line for line in answer.stderr.splitlines() if line.startswith(("E:", "W:", "Err:"))]
         return complaints[0] if complaints else ""

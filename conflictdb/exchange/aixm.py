@@ -150,7 +150,7 @@ def _current(slices: Sequence[Element]) -> Iterator[Element]:
 
 
 def _components(slice_: Element) -> list[Element]:
-    """Return the volumes of a time slice, with the operations that join them checked elsewhere."""
+    """Return the volumes of a time slice."""
     return [one for outer in slice_.each("geometryComponent") for one in outer.each("AirspaceGeometryComponent")]
 
 
@@ -244,7 +244,6 @@ def _value(who: str, slice_: Element, states: Sequence[_AirspaceState], name: st
 
 
 def _is_same(one: Sequence[Volume], other: Sequence[Volume]) -> bool:
-    """Return whether two lists of volumes are the same."""
     return len(one) == len(other) and all(
         bool(a.footprint.equals(b.footprint)) and (a.floor_m, a.ceiling_m) == (b.floor_m, b.ceiling_m)
         for a, b in zip(one, other, strict=True)
@@ -287,7 +286,6 @@ def _active(who: str, slice_: Element, span: tuple[int | None, int | None]) -> l
 
 
 def _volume(who: str, component: Element, found: Gathered, points: Mapping[str, Element]) -> Volume:
-    """Return one volume of an airspace."""
     operation = component.value("operation") or "BASE"
     if operation not in ("BASE", "UNION"):
         rule = f"is {operation:.40}: only BASE and UNION are read, each as an area"

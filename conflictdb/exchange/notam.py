@@ -158,7 +158,7 @@ def _short(key: str) -> str:
 
 
 def _check_items_q(who: str, text: str, most: int) -> None:
-    """Refuse a text with more items Q than `most`: a NOTAM begins in it whose number is not understood."""
+    """Refuse a text with more items Q than `most`."""
     marks = list(_ITEM_Q.finditer(text))[most:]
     if marks:
         before = text[: marks[0].start()].strip()

@@ -307,7 +307,7 @@ def _polygon(who: str, where: str, parts: "Sequence[Floats | Arc]") -> shapely.M
 
 
 def _enclosed(who: str, shape: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    """Return all that an outline encloses if it crosses itself, as those along borders often do; else the shape."""
+    """Return all that an outline encloses if it crosses itself; else the shape."""
     if shape.is_valid:
         return shape
     _check_crossings(who, shape)

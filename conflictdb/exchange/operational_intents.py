@@ -93,7 +93,7 @@ def read_intents(document: Any, source: str, *, stem: str, skip_invalid: bool) -
 
 
 def _read_intent(place: str, intent: Any, default_key: str, found: Gathered) -> None:
-    """Add the areas of an intent; raises InvalidInput for one without volumes, which would be lost."""
+    """Add the areas of an intent; raises InvalidInput for one without volumes."""
     details = intent.get("details", intent) if isinstance(intent, dict) else None
     if not isinstance(details, dict):
         raise InvalidInput(place, "details", f"must be an object with {', '.join(_LISTS)}; got {details!r:.60}")
@@ -120,7 +120,7 @@ def _read_intent(place: str, intent: Any, default_key: str, found: Gathered) -> 
 
 
 def _plan(who: str, key: str, extension: dict[str, Any]) -> Zone:
-    """Return what `volumes_writing` wrote of an object besides its volumes; an intent owns its volumes."""
+    """Return what `volumes_writing` wrote of an object besides its volumes."""
     fields = Fields(who, extension)
     more = read_aside(fields)
     plan = Zone(
@@ -149,7 +149,6 @@ def _volumes(who: str, name: str, value: Any) -> list[Any]:
 
 
 def _zone(who: str, key: str, value: Any, plan: Zone, found: Gathered) -> Zone:
-    """Return the zone of one volume of a plan."""
     if not _is_volume(value):
         raise InvalidInput(who, "", f"must be an object with a volume; got {value!r:.60}")
     _known(who, "", value, _AROUND)

@@ -81,7 +81,7 @@ def is_ed269(document: Any) -> bool:
 
 
 def _first_of(document: Any, name: str) -> Iterator[Mapping[str, Any]]:
-    """Yield the first objects of a list: a mistake in one of them does not hide the format."""
+    """Yield the first objects of a list."""
     members = document.get(name) if isinstance(document, dict) else None
     if isinstance(members, list):
         yield from (one for one in members[:_FIRST] if isinstance(one, dict))
@@ -254,7 +254,7 @@ def _projection(who: str, field: str, volume: Mapping[str, Any], found: Gathered
 
 
 def _number(value: Any) -> Any:
-    """Return the number of a text such as "120", which feeds of ED-269 contain; other values unchanged."""
+    """Return the number of a text such as "120"; other values unchanged."""
     return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
 
 
@@ -302,7 +302,7 @@ def _actives(who: str, field: str, zone: Mapping[str, Any]) -> list[Active]:
 
 
 def _says(daily: Any) -> bool:
-    """Return whether a daily period of ED-269 says anything: feeds fill in empty ones."""
+    """Return whether a daily period of ED-269 says anything."""
     return not isinstance(daily, dict) or any(daily.values())
 
 
@@ -319,7 +319,7 @@ def _list(who: str, field: str, value: Any) -> list[Any]:
 
 
 def _known(who: str, field: str, value: Mapping[str, Any], names: "set[str] | frozenset[str]") -> None:
-    """Raise InvalidInput for a member that is not known: it may restrict the zone."""
+    """Raise InvalidInput for a member that is not known."""
     unknown = sorted(value.keys() - names)
     if unknown:
         raise InvalidInput(who, f"{field}.{unknown[0]}", f"is not known here; known are {', '.join(sorted(names))}")

@@ -1,7 +1,7 @@
 """Write areas as UAS geographical zones: ED-318 (GeoJSON). Tracks are no zones.
 
 The standard's `extendedProperties` have what its other members do not: a class that is no code of zones, the owner, a
-long name, and further properties. `uas_zones` reads them back.
+long name, and further properties.
 """
 
 from collections.abc import Iterator, Sequence

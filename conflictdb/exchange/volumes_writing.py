@@ -1,8 +1,8 @@
 """Write areas and moving havens as operational intents of ASTM F3548-21: volumes that contain them.
 
-A moving haven becomes volumes one after the other in time: the hulls of its pieces. Each contains all that the haven
-covers meanwhile. Edges are shortest lines: shapes are wider by 2 metres, and the rhumb lines between their vertices are
-so short that shortest lines deviate from them by at most half a metre.
+A moving haven becomes volumes one after the other in time: the hulls of its pieces. Edges are shortest lines: shapes
+are wider by 2 metres, and the rhumb lines between their vertices are so short that shortest lines deviate from them by
+at most half a metre.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -75,7 +75,7 @@ def _of_area(setup: Setup, area: Area) -> Iterator[Mapping[str, Any]]:
 
 
 def _extension(item: Area | Track) -> dict[str, Any]:
-    """Return what the standard has no member for, as a member of the reference; `operational_intents` reads it."""
+    """Return what the standard has no member for, as a member of the reference."""
     found = {**columns_aside(item), "properties": dict(item.properties)}
     given = {name: one for name, one in found.items() if one}
     return {EXTENSION: given} if given else {}

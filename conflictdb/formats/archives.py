@@ -52,7 +52,7 @@ def check_archive(path: Path, max_file_mb: float) -> str | None:
 
 
 def _listed(path: Path) -> list[zipfile.ZipInfo]:
-    """Return the files of an archive; raises InvalidInput for too many of them, before they are read."""
+    """Return the files of an archive; raises InvalidInput for too many of them."""
     try:
         with path.open("rb") as stream:
             stream.seek(max(0, path.stat().st_size - _END_BYTES))

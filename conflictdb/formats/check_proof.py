@@ -606,10 +606,7 @@ def _check_parts(key: str, rings: Any, places: Any, points: list[Point], parts: 
 
 
 def _meeting(scene: _Scene) -> Iterator[tuple[_Piece, _Piece, int]]:
-    """Yield pairs of pieces of different objects whose boxes meet in place and time, and by how many turns.
-
-    Boxes of a size are in one grid, whose cells are as wide; a box is looked up in its own grid and in all wider ones.
-    """
+    """Yield pairs of pieces of different objects whose boxes meet in place and time, and by how many turns."""
     turn, within = scene.plane.turn, round(1e6 * scene.longest_s)
     grids: Any = defaultdict(lambda: defaultdict(list))
     for p in scene.pieces:

@@ -2,8 +2,7 @@
 
 Files may refer to other files and addresses, compressed data may unpack to any size, and the parsing libraries are in C
 and C++. This process therefore has its own environment, cannot write files, and has limits on memory and processor
-time. `confined` starts it, sets the limits and reads its messages. It imports nothing of the package, whose import
-takes longer than reading a file.
+time. `confined` starts it, sets the limits and reads its messages.
 
     confined_child.py PROGRAM MOST_BYTES MOST_MEMORY_BYTES MOST_SECONDS [ARGUMENT...]
 

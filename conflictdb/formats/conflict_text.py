@@ -81,7 +81,7 @@ def as_csv(
 
 
 class _Echo:
-    """A file whose `write` returns the text, for `writerow` to return it."""
+    """A file whose `write` returns the text."""
 
     def write(self, text: str) -> str:
         """Return the text."""
@@ -91,8 +91,7 @@ class _Echo:
 def cell(text: str) -> str:
     """Return a text that users gave as a cell that no spreadsheet takes for a formula.
 
-    One that begins with a character of `_FORMULA`, or with an apostrophe, gets an apostrophe in front: to have the text
-    again, take the first character of each such cell away if it is an apostrophe.
+    One that begins with a character of `_FORMULA`, or with an apostrophe, gets an apostrophe in front.
     """
     return f"'{text}" if text.startswith(_FORMULA) else text
 

@@ -141,7 +141,7 @@ def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners
 
 
 def _ring(lon: Floats, lat: Floats, centre_lat: float, wider_m: float) -> shapely.MultiPolygon:
-    """Return the polygon of the corners; around a pole it is closed along the pole, as on maps."""
+    """Return the polygon of the corners; around a pole it is closed along the pole."""
     pole = np.copysign(90.0, centre_lat)
     if wider_m and np.radians(90.0 - abs(centre_lat)) * MEAN_RADIUS_M <= wider_m:
         turns = np.sort(np.remainder(lon - _WEST_DEG, 360.0) + _WEST_DEG)

@@ -77,7 +77,7 @@ def _members(kind: str) -> frozenset[str]:
 
 
 def _guarded(kind: str) -> tuple[str, ...]:
-    """Return the members whose loss would change conflicts, but owner, which people use for owners of other kinds."""
+    """Return the members whose loss would change conflicts, but owner."""
     names = {name for one in columns_of(kind) if one.changes_answers for name in one.members}
     return tuple(sorted((names | {DATUM}) - _ELSEWHERE - {"owner"}))
 

@@ -223,7 +223,6 @@ def _is_another_ship(course: _Course, own: NDArray[np.bool_], limit_mps: float) 
 
 
 def _track_of(key: str, rows: Fixes, course: _Course, size_columns: Sequence[str]) -> Track:
-    """Return the track of the fixes of one ship."""
     outline_m = _outline(rows.largest, size_columns)
     assert outline_m is not None  # noqa: S101
     words: dict[str, Any] = {one.field: rows.ruled.get(one.members[0]) for one in columns_of(TRACK, Form.WORD)}
@@ -270,8 +269,7 @@ def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.
 def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:
     """Return the largest set of fixes (n,) in which no step exceeds the speed limit.
 
-    It is the longest chain of fixes. A wrong first fix is left out, not all fixes after it; of a jump only the fixes
-    too close to it in time are left out. Chains may skip up to _LOOK_BACK fixes, or continue from the end of any of the
+    It is the longest chain of fixes. Chains may skip up to _LOOK_BACK fixes, or continue from the end of any of the
     last _LOOK_BACK runs of good fixes.
     """
     n = len(times_us)

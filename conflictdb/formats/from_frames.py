@@ -1,10 +1,10 @@
 """Build areas and tracks from a GeoDataFrame of geopandas, and tracks from trajectories of MovingPandas.
 
 Columns named like members of scene files are read as these members, in upper or lower case; other columns become
-properties, of fixes the first value. Names close to a member are refused. Without a column `id` the index is the
-id. A missing value (NaN, NaT, None) is an absent member; any other value is kept, or refused by column and type.
-Instants are datetimes with a zone, or ISO 8601 texts with an offset. The reference system must be known; systems other
-than longitude and latitude on WGS84 are transformed vertex by vertex.
+properties, of fixes the first value. Without a column `id` the index is the id. A missing value (NaN, NaT, None) is an
+absent member; any other value is kept, or refused by column and type. Instants are datetimes with a zone, or ISO 8601
+texts with an offset. The reference system must be known; systems other than longitude and latitude on WGS84 are
+transformed vertex by vertex.
 """
 
 import warnings
@@ -95,8 +95,6 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
     """Return the tracks of trajectories, each a frame of fixes.
 
     Sizes are those of each fix, heights of a leg the wider of those at its ends; other members that differ are refused.
-
-    MovingPandas removes the zone from the instants and stores it in an attribute.
     """
     refusals = Refusals()
     found: list[Track | TrackAtSpeed] = []
@@ -126,7 +124,7 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
 
 
 def _reached(frame: Any) -> Any:
-    """Return the fixes of a frame, in the order of time, that one object reaches, as the reader of positions does."""
+    """Return the fixes of a frame, in the order of time, that one object reaches."""
     is_ais = any(str(name).lower() == "mmsi" for name in frame.columns)
     times_us = np.asarray(frame.index.values, "datetime64[us]").astype(np.int64)
     places = shapely.get_coordinates(np.asarray(frame.to_crs(4326).geometry.array, dtype=np.object_))
@@ -172,7 +170,7 @@ def _with_outlines(
 ) -> dict[str, Any]:
     """Return members with an outline for each fix where sizes change; a fix without a size has the largest one.
 
-    With members that allow no outlines (growth, tolerances) all fixes have the largest sizes, with a warning.
+    Members that allow no outlines (growth, tolerances) get the largest sizes, with a warning.
     """
     sizes = {name: name.lower() for name in found if name.lower() in file_objects.SIZES}
     given = {lower: [plain(who, name, row[name], zone) for row in rows] for name, lower in sizes.items()}

@@ -158,7 +158,7 @@ class Layout:
 
 
 def _name_of(crs: Any) -> str:
-    """Return the code of a reference system in PROJJSON, or its text; older writers give a code, or WKT."""
+    """Return the code of a reference system in PROJJSON, or its text."""
     if isinstance(crs, str):
         return crs
     known = crs.get("id") if isinstance(crs, dict) else None

@@ -1,9 +1,7 @@
 """Read GPX: track points as observed positions, routes as plans.
 
 Each segment of a track becomes a track, from its usable points. A route becomes a track if it has a planned departure:
-`planned_departure` and `planned_speed` (knots) among its extensions, `etd` and `planned_speed` at its points, all as
-OpenCPN writes them, the times of Garmin's trips, a time at each point, or the departure and speed of the hints. Its
-legs are rhumb lines.
+see docs/reference/files.md. Its legs are rhumb lines.
 """
 
 from collections import Counter, defaultdict
@@ -193,7 +191,7 @@ def _of_trip(point: Element, name: str) -> str | None:
 
 
 def _has_times(root: Element, route: Element) -> bool:
-    """Return whether times of points are those of the voyage: OpenCPN writes when it made a point."""
+    """Return whether times of points are those of the voyage."""
     if (root.get("creator") or "").startswith(_OPENCPN) or _departure(route) is not None:
         return False
     return any(point.value("time") is not None for point in route.each("rtept"))

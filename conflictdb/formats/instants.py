@@ -71,7 +71,7 @@ def parse_end(text: str, *, naive_is_utc: bool = False) -> int:
 def parse_plain(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return (n,) the instants of texts such as 2026-03-01T06:00:00Z, also with six decimals, and which texts are.
 
-    The result is that of `parse_instant`, in a tenth of its time.
+    The result is that of `parse_instant`.
     """
     us, is_plain = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
     length = np.fromiter(map(len, texts), np.int64, len(texts))

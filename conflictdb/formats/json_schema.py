@@ -1,7 +1,6 @@
 """The JSON Schema of scene files and of plans in requests, from the tables of columns, settings and rules.
 
-The schema is narrower than the reader: it has no other programs' files, temporal geometries or reference systems. The
-reader checks more: what a member has to do with another one, and values within their type (docs/reference/files.md).
+The schema is narrower than the reader: it has no other programs' files, temporal geometries or reference systems.
 """
 
 from typing import Any, Final

@@ -1,15 +1,7 @@
 """Read areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, …), through pyogrio.
 
-Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of the selected layers,
-becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). A
-gx:Track of KML becomes a track with the times that `kml_tracks` reads, as positions do if its data give no haven;
-another line of KML with a begin and an end is refused. All other points and lines are left out and listed.
-
-Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
-are kept as properties. A Shapefile cuts names to ten characters: such a name counts as the member that it begins.
-Without an id column the id is the name of a feature of KML if it is unique, else the number of the feature, after the
-name of its layer if there are several. Other reference systems are transformed vertex by vertex to longitude and
-latitude; edges are then straight in the scene's plane.
+Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. docs/reference/files.md says which features
+become areas and tracks, and how columns and ids are read.
 
 The OGR library runs in a confined process: see `confined` and `ogr_child`.
 """
@@ -201,7 +193,6 @@ def read_layers(path: Path, max_file_mb: float, program: ConfinedProgram = PROGR
 
 @cache
 def _formats_to_skip() -> tuple[str, ...]:
-    """Return the OGR formats to disable."""
     try:
         with PROGRAM.running([], 0.0) as running:
             return tuple(json.loads(running.answer()))

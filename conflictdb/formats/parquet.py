@@ -1,11 +1,7 @@
 """Read areas and tracks from Parquet files: GeoParquet, files of `export`, and plain columns of positions.
 
 Needs the extra `parquet`. A file of the Arrow form OBJECTS, from any writer, is read as exactly these objects. In other
-files, columns have the names and meanings of scene files, in upper or lower case: a polygon is an area, a point with
-`radius_m` a circle, and a line a track if the file has a column of times or the line an M (seconds since 1970). Rows
-with a point, or columns `lon` and `lat`, and a time are positions: one row per waypoint, by the rules of
-`formats.positions`. All other points and lines are left out and listed. Other columns are properties; one that
-resembles a known name is refused.
+files, columns have the names and meanings of scene files: see docs/reference/files.md.
 """
 
 import csv

@@ -52,7 +52,7 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
 
 
 def _plain(of: Any) -> Any:
-    """Return the type without dictionaries and views, so that repeated values count with their full size."""
+    """Return the type without dictionaries and views."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(of):

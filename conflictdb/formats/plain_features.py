@@ -1,7 +1,6 @@
 """Read features of a scene file many at once: areas and tracks of all forms that this package writes.
 
-Features with errors, and those that need a closer look, are left out, as None: `scene_file` reads these one by one. It
-would read the others alike, in five times the time.
+Features with errors, and those that need a closer look, are left out, as None: `scene_file` reads these one by one.
 """
 
 from collections.abc import Callable, Mapping, Sequence

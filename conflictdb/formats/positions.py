@@ -1,13 +1,12 @@
 """Read files of observed positions such as AIS (CSV, one row per fix, any order): one track per vessel or aircraft.
 
-Columns ``id,time,lon,lat`` and, each where known, ``name``, the size (``length_m,width_m`` or
-``fore_m,aft_m,port_m,starboard_m``), the heights (``floor_m,ceiling_m``), ``class`` and ``owner``; the names that AIS
-archives use are accepted too. Other columns whose value never changes for an object become its properties. Without any
-size column every object is a point; with length and width it is a rectangle centred on the reported position.
+docs/reference/files.md lists the columns; the names that AIS archives use are accepted too. Other columns whose value
+never changes for an object become its properties. Without any size column every object is a point; with length and
+width it is a rectangle centred on the reported position.
 
-Observations always contain errors. Unusable data are left out and reported by name (`Skipped`): rows without identity,
-time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`, objects without
-a size, and objects with a single fix. A file that is no position file is refused (InvalidInput).
+Unusable data are left out and reported by name (`Skipped`): rows without identity, time or position, rows at a time
+that is already taken, fixes that cannot be reached at `max_speed_kn`, objects without a size, and objects with a single
+fix. A file that is no position file is refused (InvalidInput).
 """
 
 import csv
@@ -195,7 +194,7 @@ class _Reader:
         }
 
     def _check_sides(self) -> None:
-        """Refuse an incomplete set of four sides; single letters, as in AIS, may mean anything."""
+        """Refuse an incomplete set of four sides."""
         if SIDES[0] in self.size_columns:
             return
         names = [self.header[self.at[column]] for column in SIDES if column in self.at]
@@ -350,7 +349,6 @@ class _Reader:
         return number
 
     def _refusal(self, who: str, line: int, column: str, rule: str) -> InvalidInput:
-        """Return the error that refuses a cell."""
         return InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
 
 

@@ -59,7 +59,7 @@ def _line(value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return JSON in ASCII: digests do not depend on how a terminal encodes."""
+    """Return JSON in ASCII."""
     return json.dumps(value, allow_nan=False)
 
 

@@ -2,7 +2,7 @@
 
 `read` returns the contents of a file or raises one InvalidInput that names the file and, for every error, the object,
 the field and the rule. To add a format, write a module with a `Standard` and a function that returns `Contents`, and a
-line in `_READERS`; for JSON or XML a row of `dialects` instead. `objects_writing` has the formats that are written.
+line in `_READERS`; for JSON or XML a row of `dialects` instead.
 
 Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
 parses only
@@ -278,7 +278,6 @@ def _empty(source: str) -> Remark:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Add the file's name to every refusal."""
     try:
         yield
     except InvalidInput as refused:
@@ -373,7 +372,6 @@ def _read(file: _File) -> Contents:
 
 
 def _suffix(path: Path) -> str:
-    """Return the ending of a file that names its format."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
     return suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""

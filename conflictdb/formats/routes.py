@@ -348,10 +348,7 @@ def agreed(who: str, field: str, *times_us: int | None) -> int | None:
 
 
 def agreed_speed(who: str, field: str, speeds_kn: Sequence[float], arrival_us: int | None) -> float | None:
-    """Return the speed on which several sources agree to 0.01 knots; raises InvalidInput if they do not.
-
-    Beside an arrival time it is not needed, and the first: one may be over ground, another through the water.
-    """
+    """Return the speed on which several sources agree to 0.01 knots; raises InvalidInput if they do not."""
     if speeds_kn and arrival_us is None and max(speeds_kn) - min(speeds_kn) > _SAME_KN:
         rule = f"is given twice, {min(speeds_kn):g} and {max(speeds_kn):g} knots, {_BY_BOTH}"
         raise InvalidInput(who, field, f"{rule}: leave one out")

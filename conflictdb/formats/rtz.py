@@ -166,7 +166,6 @@ def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None
 
 
 def _schedule(who: str, root: Element, points: dict[str, Waypoint], layers: Sequence[str]) -> None:
-    """Give waypoints the times and speeds of the schedule."""
     every = root.child("schedules")
     schedules = [] if every is None else list(every.each("schedule"))
     if layers:
@@ -193,7 +192,7 @@ def _named(schedules: Sequence[Element]) -> str:
 
 
 def _check_names(who: str, where: str, element: Element) -> None:
-    """Refuse an attribute of a schedule that resembles one that is read: it would be lost."""
+    """Refuse an attribute of a schedule that resembles one that is read."""
     for name in element.attributes:
         meant = look_alike(name, _READ)
         if name not in (*_READ, *_UNREAD) and meant is not None:

@@ -361,7 +361,6 @@ class _Features:
 
 
 def _contents(opened: "Callable[..., _Features | Contents]", *, skip_invalid: bool) -> Contents:
-    """Return the contents of a file."""
     late: Mapping[str, Any] | None = None
     while True:
         reading = opened(late)

@@ -1,7 +1,6 @@
 """What formats hold of times, heights, speeds, sizes and limits: what is read, and what is only remarked.
 
-Each reader declares its `Standard` once. Its remarks, the table in docs/reference/files.md and the test that loads a
-file with every name come from it. Other names that look like one of these quantities are remarked too.
+Each reader declares its `Standard` once. Other names that look like one of these quantities are remarked too.
 """
 
 import re

@@ -1,7 +1,4 @@
-"""Remember the objects of a file that is read in parts: some sixty bytes each, plus their keys.
-
-After the last part this suffices to find duplicate keys, and objects that lie far from all others.
-"""
+"""Remember the objects of a file that is read in parts: some sixty bytes each, plus their keys."""
 
 from array import array
 from collections.abc import Callable, Iterator, Sequence

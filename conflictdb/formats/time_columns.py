@@ -1,7 +1,4 @@
-"""Find unread properties that look like times, heights or sizes of objects without these.
-
-An area may be active for longer than intended, an object at all heights, and a track may be a point.
-"""
+"""Find unread properties that look like times, heights or sizes of objects without these."""
 
 import re
 from collections import Counter, defaultdict
@@ -64,7 +61,6 @@ class UnreadProperties:
 
 
 def _lacks(item: Area | Track) -> list[Quantity]:
-    """Return the quantities that an object does not have."""
     has = {Quantity.HEIGHT: has_heights(item)}
     if isinstance(item, Area):
         has[Quantity.TIME] = item.start_us is not None and item.end_us is not None

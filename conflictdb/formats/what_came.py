@@ -163,7 +163,6 @@ def _bounded(at_us: int | None) -> float:
 
 
 def _fastest_kn(tracks: Sequence[Track], scene: Scene) -> NDArray[np.float64]:
-    """Return the speed of the fastest leg of each track."""
     if not tracks:
         return np.empty(0)
     return np.asarray(np.maximum.reduceat(*speeds_kn(tracks, scene.motion, scene.earth)))

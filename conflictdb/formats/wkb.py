@@ -1,7 +1,7 @@
 """Check the structure of well-known binary (WKB) before GEOS decodes it.
 
 GEOS decodes nested geometries by recursion in C++, without a limit: 100,000 levels overflow the stack and end the
-process. The check follows only headers and counts, in time linear in the size.
+process.
 """
 
 from collections.abc import Iterable

@@ -75,7 +75,7 @@ def _cut(conn: psycopg.Connection[Any], number: int, scene: Scene, plans: Sequen
 def _cut_early(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> _ToAdmit | None:
     """Return plans cut under the settings of the connection's last admission, before the lock; None: not known.
 
-    Schedules are expanded under the lock. So are errors raised: the settings may have changed.
+    Schedules are expanded, and errors raised, under the lock.
     """
     known = store.settings_of_last_admission(conn, scene)
     if known is not None and not has_schedules(plans):

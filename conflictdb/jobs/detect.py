@@ -1,7 +1,5 @@
 """Detect the conflicts of a scene of the database, through all four stages.
 
-This module alone combines the database, where stage 1 runs, with the array code of the later stages.
-
 If few objects changed, one transaction does everything. Otherwise there are two. The first refreshes the pieces of the
 changed objects; if these are all objects, their pairs are solved meanwhile (`in_hand`). The second sees one state of
 the database: it recomputes the pairs with a changed member, replaces their conflicts, records the run and clears the
@@ -326,8 +324,8 @@ def _pending(conn: psycopg.Connection[Any], scene_id: int, options: _Options) ->
 def _follow(conn: psycopg.Connection[Any], scene: str, begun: store.Begun, setup: Setup, options: _Options) -> bool:
     """Commit the first transaction and begin the second.
 
-    Return whether it follows directly: no other detection ran in between, and the settings are the same. Otherwise all
-    remaining marks are to be processed.
+    Return whether it follows directly: no other detection ran in between, and the settings are the same.
+    Otherwise all remaining marks are to be processed.
     """
     with store.translated():
         conn.commit()

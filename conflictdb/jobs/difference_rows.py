@@ -1,7 +1,6 @@
 """Keep stored delays current: replace the differences of changed objects, in the transaction of a detection.
 
-Pieces are read for some objects at a time, together with those of all objects that these may meet. So memory does not
-grow with the scene.
+Pieces are read for some objects at a time, together with those of all objects that these may meet.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,7 @@
 """Write conflicts computed outside the database into a scene, with the routine that detection uses.
 
 All in one transaction that holds the scene's lock. The conflicts hold for the object states that they were computed
-from. A digest of each object's contents decides whether its state is the same; a version alone would not, since it
-survives in edited files and recurs in copies of the database.
+from. A digest of each object's contents decides whether its state is the same.
 
 The write-back replaces pairs and clears marks only for objects in the same state. Objects that changed since, are new
 or were removed keep their marks and rows for the next detection. An object outside the computed set is marked if an

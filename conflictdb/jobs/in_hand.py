@@ -1,8 +1,8 @@
 """Detect a scene whose objects all changed from the pieces in hand, while another thread stores them.
 
 The first transaction reads and cuts all objects before it stores anything. Then a thread stores the pieces, commits and
-begins the second transaction, while this one joins boxes and solves the first pairs. No piece is read back. The answer
-is written only if nothing changed between the two snapshots. Otherwise the pairs are solved again from stored pieces.
+begins the second transaction, while this one joins boxes and solves the first pairs. The answer is written only if
+nothing changed between the two snapshots. Otherwise the pairs are solved again from stored pieces.
 """
 
 import time

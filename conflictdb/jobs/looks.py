@@ -1,7 +1,7 @@
 """Compare positions with plans: the looks of a worker, each in one transaction.
 
-A look reads the positions committed since the last one, finds how late each track is, and stores its state. If it is
-killed, the next look reads the same positions again. One session looks at a time; the others find nothing.
+A look reads the positions committed since the last one, finds how late each track is, and stores its state. One session
+looks at a time; the others find nothing.
 """
 
 from collections import defaultdict

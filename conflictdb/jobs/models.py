@@ -25,7 +25,7 @@ _METRES: Final = -1  # to starboard and forward of a reference point: no place o
 
 
 def _geometry(kind: str, srid: int = _DEGREES) -> Geometry:
-    """Return the type of a column; indexes are the business of the schema."""
+    """Return the type of a column."""
     return Geometry(kind, srid=srid, dimension=3 if kind.endswith("M") else 2, spatial_index=False)
 
 

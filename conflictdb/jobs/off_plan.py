@@ -1,7 +1,7 @@
 """What tracks that are off their plans may meet: discs around their last positions, that grow until the next ones.
 
 The discs are compared with the plans near them, each as late as its track is known to be, and with the discs of other
-tracks that are off. All discs of a look are compared at once, in a constant number of statements.
+tracks that are off.
 """
 
 from collections.abc import Callable, Sequence
@@ -101,7 +101,6 @@ def _near(
 
 
 def _joined(parts: Sequence[Members]) -> Members:
-    """Return the plans of all parts."""
     starts = np.cumsum([0, *(len(one.each) for one in parts)]).tolist()
     of = np.concatenate([one.of + start for one, start in zip(parts, starts, strict=False)])
     return Members(Pieces.concatenate([one.pieces for one in parts]), of, [plan for one in parts for plan in one.each])

@@ -91,7 +91,7 @@ def _around(
 ) -> list[str]:
     """Return the keys of the objects whose boxes a plan may meet, or come near to, in all layers of a scene.
 
-    Where that is beyond the time over which schedules are expanded, also all objects with a schedule near it.
+    Beyond the time over which schedules are expanded, also all objects with a schedule near it.
     """
     number = store.scene_or_branch_id(conn, scene)
     settings = store.read_settings(conn, number)

@@ -163,7 +163,6 @@ def _answer_held(
 
 
 def _answer_request(conn: psycopg.Connection[Any], request: store.Request, jobs: int, memory: MemoryBudget) -> None:
-    """Answer a request, in the open transaction."""
     options = request.options
     if request.kind == "delays":
         now, start, end = (

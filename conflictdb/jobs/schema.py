@@ -291,10 +291,7 @@ def _triggers() -> int:
 
 @cache
 def _expected(_sql: Path) -> tuple[str, str, int]:
-    """Return what each connection compares: the newest revision, the hash of sql/, the number of triggers.
-
-    Read once: reading all files takes longer than to connect.
-    """
+    """Return what each connection compares: the newest revision, the hash of sql/, the number of triggers."""
     return head(), routines_sha256(), _triggers()
 
 
@@ -581,7 +578,6 @@ def _refuse_foreign_schema(conn: psycopg.Connection[Any]) -> None:
 
 
 def _refuse(conn: psycopg.Connection[Any], refusal: str, kind: type[psycopg.Error]) -> None:
-    """Raise ServerError if a checking statement refuses the database."""
     try:
         conn.execute(refusal.encode())
     except kind as error:
@@ -625,10 +621,7 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
 
 
 def _triggers_armed(conn: psycopg.Connection[Any], triggers: int) -> bool:
-    """Return whether all triggers exist and fire as their names say: always, for users only, or for replicas only.
-
-    `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, resets them.
-    """
+    """Return whether all triggers exist and fire as their names say: always, for users only, or for replicas only."""
     armed = _one(
         conn,
         """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
@@ -680,7 +673,7 @@ def _check_known(found: str, database: str) -> None:
 
 
 def _check_released(conn: psycopg.Connection[Any]) -> None:
-    """Raise SchemaOutdated for a schema at a former revision 0001 or 0002; the present ones have all tables."""
+    """Raise SchemaOutdated for a schema at a former revision 0001 or 0002."""
     if _one(conn, "SELECT to_regclass('conflictdb.scene_share') IS NULL") is True:
         raise SchemaOutdated(
             f"the conflictdb schema of database {conn.info.dbname!r} was made before the first release: "

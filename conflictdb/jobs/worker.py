@@ -1,8 +1,8 @@
 """Keep all scenes current: detect changes as they happen.
 
 Changes leave marks in the database; these marks are the queue. A worker has no state of its own: it may be killed at
-any moment, and any number may run, on any number of machines. It skips a scene that another session is detecting. It
-listens for changes (NOTIFY), and also checks the marks twice a second: of several concurrent writers only one notifies.
+any moment, and any number may run, on any number of machines. It listens for changes (NOTIFY), and also checks the
+marks twice a second: of several concurrent writers only one notifies.
 """
 
 import logging
@@ -48,7 +48,7 @@ Report = Callable[[str, "detect.Run | Exception", float], None]
 
 
 def _pauses(first_s: float, longest_s: float = _LONGEST_PAUSE_S) -> Iterator[float]:
-    """Yield the pauses before further attempts, seconds: random, so that workers do not retry at the same time."""
+    """Yield the pauses before further attempts, seconds, random."""
     pause_s = min(first_s, longest_s)
     while True:
         yield SystemRandom().uniform(0.5 * pause_s, pause_s)
@@ -67,8 +67,7 @@ class _Failing:
 class _Busy:
     """A changed scene that another session is detecting: since when, the next attempt, and whether it was reported.
 
-    Instants are on the clock of `time.monotonic`. Each further change wakes all workers; retrying at once would only
-    take processor time from the one at work.
+    Instants are on the clock of `time.monotonic`.
     """
 
     since_s: float
@@ -274,7 +273,7 @@ class Worker:
     def _round(self, connection: "psycopg.Connection[Any]", say_after_s: float) -> bool:
         """Detect every pending scene once, the longest waiting first; return whether all succeeded.
 
-        Skips scenes that failed a moment ago. Scenes that other sessions detect remain in `_busy`. Raises StoreError if
+        Skips scenes that failed a moment ago; those that other sessions detect remain in `_busy`. Raises StoreError if
         the connection is lost.
         """
         self._answer(connection)

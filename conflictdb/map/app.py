@@ -360,7 +360,6 @@ def _parameter(request: Request, name: str) -> str | None:
 
 
 def _number(name: str, text: str, most: int = _MOST_NUMBER) -> int:
-    """Return a whole number of a request."""
     if not (text.isascii() and text.isdigit() and len(text) <= len(str(most)) and int(text) <= most):
         raise HTTPException(400, f"{name}: must be a whole number from 0 to {most}")
     return int(text)
@@ -377,7 +376,6 @@ def _box(text: str) -> land.Box:
 
 
 async def _body(request: Request) -> Mapping[str, Any]:
-    """Return the JSON object of a request."""
     body = b""
     try:
         async for part in request.stream():
@@ -419,7 +417,6 @@ def _reals(name: str, value: object, most: Sequence[float], what: str) -> tuple[
 
 
 def _move(asked: Mapping[str, Any]) -> editing.PlanMove:
-    """Return the move of a plan that a request describes."""
     branch = asked.get("branch")
     if branch is not None and not isinstance(branch, str):
         raise HTTPException(400, "branch: must be a text, or null")

@@ -1,11 +1,10 @@
 """Control access: pages of this server, in a browser on this machine or at the path with the token.
 
-A browser sends requests on behalf of any site it shows. Requests of other sites are refused before anything is read: by
-Host (another site's name that resolves to this address: DNS rebinding), by Origin and by Sec-Fetch-Site. Only pages of
-this server may use the answers. Writing requests also need a secret that only such a page can read.
+Requests of other sites are refused before anything is read: by Host (another site's name that resolves to this address:
+DNS rebinding), by Origin and by Sec-Fetch-Site. Only pages of this server may use the answers. Writing requests also
+need a secret that only such a page can read.
 
-The token is the first part of each path, so a browser sends it to this server alone. It would send a cookie to all
-ports of a host.
+The token is the first part of each path, so a browser sends it to this server alone.
 """
 
 import secrets

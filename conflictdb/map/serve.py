@@ -138,7 +138,6 @@ def _outward(bound: str) -> str | None:
 
 
 def _listening(host: str, ports: range) -> socket.socket:
-    """Return a socket that listens on the first free port."""
     for port in ports:
         try:
             family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

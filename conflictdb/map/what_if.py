@@ -1,8 +1,4 @@
-"""Pack the pieces of a scene for the page, whose kernel computes what objects pass, and what moved plans would meet.
-
-The page compares pieces as a detection does (`core.run`), for scenes that need no more than the kernel; `refusal` says
-why moved plans of others are not shown.
-"""
+"""Pack the pieces of a scene for the page, whose kernel computes what objects pass, and what moved plans would meet."""
 
 import struct
 from collections.abc import Container, Mapping

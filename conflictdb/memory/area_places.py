@@ -120,7 +120,6 @@ def _along(index: Index, scene: Scene, area: Area, most_m: float, bearing: float
 
 
 def _steps(most_m: float, units: Units) -> tuple[float, int]:
-    """Return the length and the number of steps up to a limit."""
     step_m = units.step_m * max(1, math.ceil(most_m / units.step_m / _MOST_STEPS))
     return step_m, int(most_m / step_m * (1.0 + 1e-12))
 

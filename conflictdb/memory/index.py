@@ -227,7 +227,7 @@ class Index:
     def _probe_world(self, plans: Sequence[Plan]) -> tuple[World, "_State", bool]:
         """Return the world of plans that are compared, the state, and whether its schedules reach as far.
 
-        Needs the lock. The index changes as the clock demands, never as the plans do.
+        Needs the lock.
         """
         self._cut_waiting()
         window = self._window
@@ -442,7 +442,7 @@ _Question: TypeAlias = tuple[Scene, Window | None, list[tuple[Any, ...]]]
 
 
 class _LastCut(threading.local):
-    """The plans that a thread asked about last, and their pieces: a server puts the plans that it has probed."""
+    """The plans that a thread asked about last, and their pieces."""
 
     def __init__(self) -> None:
         self._asked: _Question | None = None
@@ -479,7 +479,7 @@ def _copied(plan: Plan) -> Plan:
 
 
 def _content(plan: Plan) -> tuple[Any, ...]:
-    """Return the fields of a plan that count, by value: arrays and mappings may be changed in place."""
+    """Return the fields of a plan that count, by value."""
     values = _AREA_FIELDS(plan) if isinstance(plan, Area) else _TRACK_FIELDS(plan)
     return type(plan), *(one if type(one) in _CONSTANT else _value(one) for one in values)
 

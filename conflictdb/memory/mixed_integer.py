@@ -157,7 +157,7 @@ def solve(
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Drop what the solver prints: standard output belongs to the answer, and its messages are of its own insides."""
+    """Drop what the solver prints."""
     try:
         kept = os.dup(1)
     except OSError:  # closed

@@ -422,7 +422,7 @@ def _elsewhere(scene: Scene, area: Area, place: NewPlace) -> Area:
 
 
 def _verify(before: Pairs, after: Pairs, placed: set[str]) -> None:
-    """Raise an error if a conflict is new, or if a placed track keeps a conflict: a mistake of this program."""
+    """Raise an error if a conflict is new, or if a placed track keeps a conflict."""
     wrong = sorted(pair for pair in after if pair not in before or placed & set(pair))
     if wrong:
         pair = " and ".join(map(repr, wrong[0]))
@@ -449,7 +449,6 @@ def _blocking(
 
 
 def _met(after: Pairs, key: str) -> tuple[str, ...]:
-    """Return the keys of what an object meets."""
     return tuple(sorted({one for pair in after if key in pair for one in pair} - {key}, key=str.encode))
 
 

@@ -1,8 +1,8 @@
 """Orders of tracks that all must pass one place in turn: a clique of pairs whose order matters.
 
-For such pairs the bound of a mixed-integer program is weak, as in machine scheduling. This module searches the orders
-themselves, layer by layer: a state is the set of tracks placed, with the earliest delay of each other. It is bounded
-by the least spans that 2, 3, 4 ... turns take, and by releases of the tracks that follow, in the order of these.
+This module searches the orders themselves, layer by layer: a state is the set of tracks placed, with the earliest delay
+of each other. It is bounded by the least spans that 2, 3, 4 ... turns take, and by releases of the tracks that follow,
+in the order of these.
 """
 
 import time

@@ -239,7 +239,7 @@ def _rings(count: list[int], corners: list[int]) -> Many:
 
 
 def _are_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Return whether arrays are equal: as `numpy.array_equal`, in a third of the time."""
+    """Return whether arrays are equal, as `numpy.array_equal`."""
     return a.shape == b.shape and np.count_nonzero(a == b) == a.size
 
 

@@ -1,6 +1,6 @@
 """Convert conflicts and closest approaches to data frames of pandas and geopandas, with the columns of the SQL views.
 
-Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is imported before the first frame is asked for.
+Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``.
 """
 
 from collections.abc import Callable, Sequence
@@ -88,7 +88,6 @@ def _frame(rows: Sequence[Any], columns: Sequence[record.Column], place: Callabl
 
 
 def _kept(column: record.Column, rows: Sequence[Any], place: Callable[[Any], Any]) -> Any:
-    """Return a column as a pandas type."""
     if column is _GEOMETRY:
         return _objects([place(row) for row in rows])
     values = list(map(attrgetter(column.field), rows))

@@ -1,7 +1,6 @@
 """Make many areas and tracks at once from arrays, by the rules of `Area` and `Track`.
 
-Rules on whole arrays take a tenth of the time of rules object by object. They leave out refused objects, as None: for
-the errors, the caller makes them one by one.
+Refused objects are None: for the errors, the caller makes them one by one.
 """
 
 import itertools

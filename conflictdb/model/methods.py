@@ -1,7 +1,4 @@
-"""The methods of detection, one table: what each stops after, promises and costs. Imports no library.
-
-It stands below `pipeline`, for `model` refuses settings by it and stage 4 chooses its solver by it.
-"""
+"""The methods of detection, one table: what each stops after, promises and costs. Imports no library."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Values of many plans or of one, and the plans that break a rule.
 
 A rule of plans is an expression of `Many`: arrays of n plans, and arrays of all their places. `One` has the same
-members for one plan, with numbers and truth values in place of arrays of one, which take a tenth of the time.
+members for one plan, with numbers and truth values in place of arrays of one.
 """
 
 from collections.abc import Callable

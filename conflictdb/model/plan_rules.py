@@ -203,7 +203,6 @@ def _add_size(broken: Broken, field: str, points: Numbers, what: str) -> None:
 
 
 def _add_coordinates(broken: Broken, lonlat: Floats, rows: Rows) -> None:
-    """Add the rules of places (v, 2), degrees."""
     is_outside = ~(np.abs(lonlat) <= _MOST_DEG)
     if not np.count_nonzero(is_outside):
         return

@@ -161,7 +161,7 @@ def track_departures(
 
 
 def _places(footprint: shapely.Geometry) -> NDArray[np.float64]:
-    """Return the middle of a footprint's box and its corners: the sun rises at one of these first, and last."""
+    """Return the middle of a footprint's box and its corners."""
     west, south, east, north = shapely.bounds(footprint)
     middle = 0.5 * (west + east), 0.5 * (south + north)
     return np.array([middle, (west, south), (west, north), (east, south), (east, north)])

@@ -172,7 +172,6 @@ def _draw_bar(panel: Any, row: int, one: Delays) -> None:
 
 
 def _delay_axis(panel: Any, horizon_s: float) -> None:
-    """Make the x axis an axis of delays."""
     step_s = next((step_s for step_s in _STEPS_S if 2.0 * horizon_s / step_s <= _MOST_STEPS), horizon_s)
     ticks = np.arange(-np.floor(horizon_s / step_s), np.floor(horizon_s / step_s) + 1) * step_s
     panel.set_xticks(ticks, [_signed(delay_s) for delay_s in ticks.tolist()])

@@ -70,7 +70,6 @@ def _bands(one: Area | Track) -> tuple[Floats, Floats]:
 
 
 def _text(floor_m: float | None, ceiling_m: float | None) -> str:
-    """Return a height band in words."""
     low, high = (None if limit is None or np.isinf(limit) else _metres(limit) for limit in (floor_m, ceiling_m))
     if low is None:
         return _ALL if high is None else f"up to {high} m"

@@ -111,7 +111,7 @@ def _in_font(pdf: Any, text: str) -> str:
 
 
 def _as_seen(line: str) -> str:
-    """Return a line in the order in which it is seen, from the left, which PDF writes it in; letters stand apart."""
+    """Return a line in the order in which it is seen, from the left."""
     if not any(bidirectional(sign) in ("R", "AL") for sign in line):
         return line
     from fpdf.bidi import BidiParagraph

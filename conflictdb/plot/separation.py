@@ -90,10 +90,7 @@ def _near(sketch: Sketch, a: PieceRows, b: PieceRows) -> Pieces:
 def _depth(
     sketch: Sketch, prepared: kernel.KernelScene, a: PieceRows, b: PieceRows, at_us: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return (low, high): how deep convex pieces are in each other at instants, metres on the earth; 0 if they are not.
-
-    The least way that separates two convex polygons is across an edge of one of them.
-    """
+    """Return (low, high): how deep convex pieces are in each other at instants, metres on the earth; 0: apart."""
     if not len(a):
         return np.empty(0), np.empty(0)
     both = []

@@ -106,7 +106,6 @@ class Sketch:
         return self._beside(shapely.union_all(shapes), number)
 
     def _part_at(self, row: PieceRows, at_us: int) -> shapely.Geometry:
-        """Return one piece of a track at an instant."""
         zero_us = self.pieces.start_us[row]
         corners = Movement.of(self._prepared, row, zero_us).positions((at_us - zero_us) / 1e6)[:, :, 0]
         return shapely.MultiPoint(corners.T).convex_hull

@@ -1,7 +1,7 @@
 """Run the stages on Apache Spark with Apache Sedona, for scenes that outgrow one machine (extra `spark`).
 
 This room only converts between Spark's Arrow batches and the functions that `detect` and `solve` use for pieces, pairs
-and answers. Imports are deferred until first use.
+and answers.
 """
 
 from importlib import import_module

@@ -1,7 +1,6 @@
 """Cut objects into pieces on workers: batches of the form OBJECTS in, rows of pieces out.
 
-A row contains a bundle of nearby parts of an area, or one slice of a track. Slices are not bundled: their bundles would
-be much wider than the slices and meet more rows, all of them larger.
+A row contains a bundle of nearby parts of an area, or one slice of a track.
 """
 
 import json

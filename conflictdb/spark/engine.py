@@ -94,7 +94,7 @@ def _require_java(home: str | None) -> None:
 
 
 def _java_version(java: str) -> str:
-    """Return the version of a Java: its distribution has it in a file, else the program says it; "" if it fails."""
+    """Return the version of a Java; "" if it fails."""
     with suppress(OSError):
         released = (Path(java).resolve().parents[1] / "release").read_text(errors="replace")
         if match := re.search(r'^JAVA_VERSION="(.+?)"', released, re.MULTILINE):
@@ -255,7 +255,7 @@ def _alone(master: str, said: Collection[str]) -> dict[str, Any]:
 
 
 def _said_elsewhere(environ: Mapping[str, str]) -> set[str]:
-    """Return the names of options in the user's own configuration of Spark, which must not be overridden."""
+    """Return the names of options in the user's own configuration of Spark."""
     said = {word.partition("=")[0] for word in shlex.split(environ.get("PYSPARK_SUBMIT_ARGS", ""))}
     if "--driver-memory" in said or environ.get("SPARK_DRIVER_MEMORY"):
         said.add("spark.driver.memory")
@@ -282,10 +282,7 @@ def _with_jars(jars: dict[str, Any], options: Mapping[str, str]) -> dict[str, An
 
 @contextmanager
 def _jars(cache: Path, packages: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the options for Spark's jars: files fetched before, else Maven coordinates, to be fetched in the block.
-
-    Sessions fetch one after another: two that fetch a jar at once make each other fail.
-    """
+    """Yield the options for Spark's jars: files fetched before, else Maven coordinates, to be fetched in the block."""
     kept = [cache / "jars" / "{}_{}-{}.jar".format(*package.split(":")) for package in packages]
     found = {"spark.jars": ",".join(map(str, kept))}
     if all(jar.is_file() for jar in kept) and not os.access(cache, os.W_OK):  # nobody fetches into it

@@ -47,8 +47,7 @@ def scene_objects(spark: SparkSession, conn: psycopg.Connection[Any], scene: str
     """Yield the settings and the objects of a scene of a database, in one snapshot.
 
     Objects are rows of the Arrow form OBJECTS, without names and properties, for `detect_on_spark`. They are read at
-    once and cached by Spark until the block ends. Until then a transaction stays open on the connection, because Spark
-    reads lost rows again.
+    once and cached by Spark until the block ends. Until then a transaction stays open on the connection.
 
     Parameters
     ----------
@@ -99,7 +98,7 @@ def _objects(
 
 
 def _as_java_connects(conn: psycopg.Connection[Any]) -> tuple[str, dict[str, str]]:
-    """Return the JDBC URL of a database, and the connection properties; Spark hides the password."""
+    """Return the JDBC URL of a database, and the connection properties."""
     info, parameters = conn.info, conn.info.get_parameters()
     host = info.host or info.hostaddr
     host = f"[{host}]" if ":" in host else host

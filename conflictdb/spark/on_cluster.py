@@ -1,7 +1,7 @@
 """Detect a scene through the four stages on Spark, with the answer of `detect`.
 
 Workers cut objects into pieces; join the pieces of each unit of space and time; and solve the pairs of each group of
-objects. Spark shuffles in between. Repeated tasks give the same rows.
+objects. Repeated tasks give the same rows.
 """
 
 import math

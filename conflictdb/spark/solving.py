@@ -3,8 +3,7 @@
 `meeting` finds the pairs in each unit, and compares hulls (stages 1 and 2). After a shuffle by groups, `solved` runs
 `run_scene`, which compares the same hulls again, projects and solves (stages 3 and 4).
 
-All pairs of pieces of two objects are in one group, each once. The answer therefore does not depend on units,
-partitions and batches.
+All pairs of pieces of two objects are in one group, each once.
 """
 
 from collections import ChainMap

@@ -72,7 +72,6 @@ def _schema(spark: SparkSession, file: str) -> "pa.Schema":
 
 
 def _last(stream: Any, size: int, count: int) -> bytes:
-    """Return the last `count` bytes of a stream, or all of a shorter one."""
     stream.seek(max(0, size - count))
     return bytes(stream.readNBytes(min(size, count)))
 
@@ -128,7 +127,6 @@ def _configuration(spark: SparkSession) -> Any:
 
 @contextmanager
 def _refused(who: str, what: str) -> Iterator[None]:
-    """Convert errors of a storage to a one-line InvalidInput."""
     try:
         yield
     except (Py4JError, PySparkException, pa.ArrowException, OSError) as error:

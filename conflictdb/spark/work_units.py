@@ -1,9 +1,7 @@
 """Divide a scene into units of about equal work, from a sample of its pieces: cells, and blocks where one is crowded.
 
-A cell is a box of space and time; a piece is in each cell that it meets. The work of a join grows with the pairs, not
-with the pieces: a thousand versions of one track are half a million pairs, a thousand ships at sea a few hundred. The
-objects of a crowded cell are therefore dealt into blocks, and each two blocks are a unit. The sample only balances the
-work; it does not change the answer.
+A cell is a box of space and time; a piece is in each cell that it meets. The objects of a crowded cell are
+dealt into blocks, and each two blocks are a unit. The sample only balances the work; it does not change the answer.
 """
 
 import math

@@ -1,8 +1,7 @@
 """Fork Spark's Python workers on this machine from one process that has imported what their tasks need.
 
 Spark runs it as a module (option ``spark.python.daemon.module``). Its own daemon leaves imports to each worker, which
-take a second of a processor. It also imports pyspark from an archive, and before each task Python reads the directory
-of that archive again for each package in it: 70 ms in Python 3.11.
+take a second of a processor.
 """
 
 import gc
@@ -17,7 +16,7 @@ _ARCHIVES: Final = ("pyspark.zip", "py4j-", "spark-core_")
 
 
 def _prefer_installed_packages() -> None:
-    """Remove Spark's archives from the path of modules, if pyspark is installed as well, as it is for the driver."""
+    """Remove Spark's archives from the path of modules, if pyspark is installed as well."""
     path = list(sys.path)
     sys.path[:] = [one for one in path if not Path(one).name.startswith(_ARCHIVES)]
     if find_spec("pyspark") is None or find_spec("py4j") is None:

@@ -279,8 +279,7 @@ def _rows(
 ) -> list[_Row]:
     """Return the rows of a routine.
 
-    The binary format does not depend on DateStyle, IntervalStyle, bytea_output or extra_float_digits of the caller's
-    connection. Statements are not prepared: a pooler may run the next one in another session.
+    Statements are not prepared: a pooler may run the next one in another session.
     """
     # Do not use the cursor class of the caller's connection: client-side cursors have no binary results.
     with translated(routine), psycopg.Cursor(conn, row_factory=row_factory) as cursor:

@@ -383,7 +383,7 @@ def receive(
     """Return the rows of a set-returning routine: fixed-width columns as arrays, ragged columns as lists of bytes.
 
     The routine's columns are those of `dtype` (numpy types without byte order), then those of `ragged`; none is null.
-    Rows are decoded as they arrive. Memory besides the answer: one of its columns and a chunk of rows.
+    Rows are decoded as they arrive.
     """
     with _copied(conn, routine, arguments) as messages:
         return decoded(messages, dtype, ragged)
@@ -418,10 +418,7 @@ def _copied(
 def receive_arrays(
     conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object], dtype: Sequence[tuple[str, str]]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a routine that returns each column as one array (array_send), without nulls.
-
-    Takes a fifth of the time of `receive`, which decodes row by row.
-    """
+    """Return the columns of a routine that returns each column as one array (array_send), without nulls."""
     columns = {}
     for (name, kind), sent in zip(dtype, call(conn, routine, *arguments), strict=True):
         values = np.frombuffer(sent[_ARRAY_HEADER:], [("length", ">i4"), ("value", f">{kind}")])
@@ -477,10 +474,7 @@ def _row_type(dtype: Sequence[tuple[str, str]]) -> np.dtype[Any]:
 
 
 def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[bytes]:
-    """Yield the rows of a COPY TO in chunks, without its header and trailer; at least one chunk.
-
-    No row spans two chunks: a message contains whole rows (PostgreSQL documentation, "COPY Operations": one per row).
-    """
+    """Yield the rows of a COPY TO in chunks, without its header and trailer; at least one chunk. No row spans two."""
     parts_of_chunk: list[bytes | bytearray | memoryview] = []
     size, start = 0, len(_HEADER)
     for message in messages:

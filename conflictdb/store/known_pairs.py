@@ -36,8 +36,7 @@ class KnownPairs:
     ) -> None:
         """Index rows by the numbers of their members (n,), with digests and row addresses (n, 6).
 
-        A pair may come twice. The addresses stay valid: the snapshot sees the rows, and no other detection of
-        the scene can run.
+        A pair may come twice.
         """
         self._objects = np.unique(np.concatenate([a, b]))
         first, second = np.minimum(a, b), np.maximum(a, b)

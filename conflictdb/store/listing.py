@@ -267,11 +267,7 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
 
 
 def _records(of: type[_Record], scene: str, rows: Iterable[dict[str, Any]]) -> Iterator[_Record]:
-    """Yield the rows of a scene, which have the same columns, as conflicts, approaches or events.
-
-    They are written through their slots: `__init__` of a frozen dataclass takes four times as long. Which column goes
-    where is found once.
-    """
+    """Yield the rows of a scene, which have the same columns, as conflicts, approaches or events."""
     slots = {field.name: getattr(of, field.name).__set__ for field in fields(of)}
     is_first = True
     row: dict[str, Any]

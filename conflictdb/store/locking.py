@@ -125,7 +125,7 @@ def _begin(
 
 
 def _is_of_scene(timeout: LockTimeout) -> bool:
-    """Return whether the scene's lock timed out, and not another one: servers do not translate the routine's name."""
+    """Return whether the scene's lock timed out, and not another one."""
     cause = timeout.__cause__
     return isinstance(cause, psycopg.Error) and "_take_scene(" in (cause.diag.context or "")
 

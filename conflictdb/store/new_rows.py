@@ -1,7 +1,4 @@
-"""Write many conflicts of pairs without a row: complete the rows here and COPY them into their tables.
-
-Takes half the time of the statement with arrays (_write_run), which handles rows that change existing ones.
-"""
+"""Write many conflicts of pairs without a row: complete the rows here and COPY them into their tables."""
 
 import json
 from dataclasses import dataclass
@@ -123,8 +120,7 @@ def begin_new(
 def finish_new(new: NewRows, found: Conflicts, digest: NDArray[np.int64], region: Polygons) -> Finished:
     """Return the encoded rows of new conflicts (k,) with their digests and regions (empty: they have none).
 
-    Pairs with a removed object drop out: the removal has a mark of its own. Its number may belong to another object by
-    now.
+    Pairs with a removed object drop out: the removal has a mark of its own.
     """
     a, b = (
         np.searchsorted(new.objects, of)
@@ -186,7 +182,7 @@ def copy_new(conn: psycopg.Connection[Any], finished: Finished) -> int:
 def _notifications(
     new: NewRows, event_ids: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]
 ) -> list[bytes]:
-    """Return what tells of new conflicts, as _notify_events does: as many payloads as that takes."""
+    """Return what tells of new conflicts, as _notify_events does."""
     of = json.dumps({"scene": new.scene, "run": new.run_id, "kind": "opened"}, ensure_ascii=False)
     head = of[:-1].encode() + b', "events": ['
     digits, sizes = _decimal(event_ids), np.diff(new.named.offset)

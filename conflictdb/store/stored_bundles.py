@@ -172,9 +172,6 @@ def by_place(bundles: Bundles, most: int) -> Iterator[NDArray[np.int64]]:
     """Yield rows of bundles in Z-order of the first corners of their hulls, in chunks.
 
     A chunk has at most `most` pieces, or a single bundle.
-
-    Storing neighbours together keeps the boxes of the index small: in a scene of 90,000 pieces stage 1 reads a quarter
-    less of the index and takes a fifth less time.
     """
     pieces = bundles.pieces
     xy = pieces.hull_xy[pieces.hull_offset[bundles.offset[:-1]]]

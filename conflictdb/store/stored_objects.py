@@ -323,7 +323,7 @@ def _certain(at_us: int) -> np.datetime64 | None:
 
 
 def _activations(name: str, sent: bytes) -> dict[str, Any]:
-    """Return the activations of an object as a member; few objects have any."""
+    """Return the activations of an object as a member."""
     if not sent:
         return {}
     at_us = decode_instants(sent)
@@ -397,7 +397,7 @@ def _encoded_heights(heights: NDArray[np.float64] | None) -> bytes | None:
 
 
 def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
-    """Encode outlines (w, m, 2) as a MultiPolygon of closed rings: a ring has at least four points."""
+    """Encode outlines (w, m, 2) as a MultiPolygon of closed rings."""
     if outlines is None:
         return None
     index = [*range(outlines.shape[1]), 0] if outlines.shape[1] > 2 else [0, -1, -1, 0]
@@ -450,7 +450,6 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
 
 
 def _staged(kind: str, plans: Sequence[Area | Track]) -> dict[str, copy_binary.Column]:
-    """Encode the plain columns of areas or tracks."""
     keys = [one.key for one in plans]
     found: dict[str, copy_binary.Column] = {}
     for column in columns_of(kind, *_PLAIN, Form.NUMBER):
@@ -466,7 +465,6 @@ def _staged(kind: str, plans: Sequence[Area | Track]) -> dict[str, copy_binary.C
 
 
 def _multispans(spans: Sequence[Spans | None]) -> copy_binary.Ragged:
-    """Encode spans as multiranges; None: null."""
     bounds = [
         (MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end)
         for one in spans
@@ -480,7 +478,6 @@ def _multispans(spans: Sequence[Spans | None]) -> copy_binary.Ragged:
 
 
 def _instants(lists: Sequence[tuple[int, ...] | None]) -> copy_binary.Ragged:
-    """Encode instants as arrays; None: null."""
     at_us = np.array([at for one in lists for at in one or ()], np.int64)
     arrays = copy_binary.arrays(copy_binary.instants(at_us), offsets([len(one or ()) for one in lists]), "timestamptz")
     return copy_binary.Ragged(arrays.data, arrays.offset, None).but_null(np.array([one is None for one in lists], bool))

@@ -3,8 +3,7 @@
     begin_write; for each part: differing, and stage for each Part that it yields; end_write; commit
 
 The row of a pair stores a digest. An answer with the same digest is neither sent nor written, and its region is not
-computed. Rows that differ are sent some thousand at a time, by another thread while the next are computed: many new
-rows by COPY, all others by a statement, the last of them together with the run.
+computed. Another thread sends rows that differ while the next are computed.
 """
 
 import hashlib

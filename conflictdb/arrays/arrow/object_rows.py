@@ -1,24 +1,6 @@
 """Convert areas and tracks to and from Arrow: one row each, with the names of scene files, as in GeoParquet files.
 
-id, kind                text; `area` or `track`
-object_id, version      numbers of the object and of its state in the stages; may be missing in files
-name                    text, or null
-tolerances              tracks: JSON, members as in scene files; or null
-class, owner            text, or null: whose separation rules apply, and whose objects are not compared
-geometry                WKB in longitude and latitude: a MultiPolygon or Polygon, or the LineString of the waypoints
-start, end              areas: active during [start, end), null where unbounded
-times                   tracks: of the waypoints
-outline_m               tracks: the haven, a list of [starboard, forward], at the first waypoint
-grow_mps                tracks: outward speed of every side of the haven, or null
-outlines_m              tracks: the haven at every waypoint, or null
-floor_m, ceiling_m      height band, null where unbounded; of a track with one per leg the lowest and the highest
-floors_m, ceilings_m    tracks: of every leg, or of every waypoint, null within where unbounded; or null
-properties              JSON, or null
-spans                   areas of several activations: starts and ends in turn, null where unbounded; else null
-departures              tracks of several voyages; else null
-schedule                JSON, or null; spans or departures are then its expansion
-
-Instants are to the microsecond, in UTC.
+docs/reference/arrow.md lists the columns. Instants are to the microsecond, in UTC.
 """
 
 import json
@@ -218,7 +200,7 @@ def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
 
 
 def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
-    """Return the geometries of areas, polygons as MultiPolygons; other types are refused later."""
+    """Return the geometries of areas, polygons as MultiPolygons."""
     shapes = _shapes(columns)
     single = np.flatnonzero(shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON)
     if single.size:

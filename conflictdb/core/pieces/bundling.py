@@ -1,8 +1,7 @@
 """Bundle pieces: one row of the database stores and indexes several pieces.
 
 Storing and probing a row costs about 40 us; comparing two boxes in memory, a few ns. Nearby pieces of an object
-therefore share a row with one bounding box: the parts of an area, and slices of a slow track. Stage 1 finds pairs of
-bundles, then pairs of their pieces.
+therefore share a row with one bounding box: the parts of an area, and slices of a slow track.
 """
 
 import numpy as np

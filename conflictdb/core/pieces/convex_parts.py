@@ -67,8 +67,7 @@ def _rings(hulls: NDArray[np.object_]) -> tuple[Floats, NDArray[np.int64]]:
 def _triangles(polygons: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats]:
     """Return the constrained Delaunay triangles of polygons: polygon of each (t,), sorted, corners (t, 3, 2).
 
-    Counter-clockwise. A polygon that cannot be cut has none: one narrower than the plane's rounding, or whose ring
-    crosses itself in the plane by rounding.
+    Counter-clockwise. A polygon that cannot be cut, because of rounding in the plane, has none.
     """
     try:
         found = shapely.constrained_delaunay_triangles(polygons)

@@ -125,7 +125,7 @@ def _of_any_time(pieces: Pieces, unknown: NDArray[np.int64]) -> Pieces:
 
 
 def _sound(pieces: Pieces) -> NDArray[np.int64]:
-    """Return the objects that have pieces, all with finite coordinates: NaN would overlap nothing, without an error."""
+    """Return the objects that have pieces, all with finite coordinates."""
     bad = np.zeros(len(pieces), np.bool_)
     for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
         finite = np.isfinite(xy)

@@ -2,8 +2,7 @@
 
 An area becomes convex parts, a track leg one or more time slices. Each piece has a convex hull that covers it during
 all of its time, padded so that the hulls of two pieces intersect wherever the pieces come within the scene's reach
-(`Scene.reach_m`). A join of hulls therefore misses nothing. Slices only tighten the boxes; stage 4 uses the true
-motion.
+(`Scene.reach_m`). Slices only tighten the boxes; stage 4 uses the true motion.
 """
 
 from collections.abc import Sequence
@@ -344,7 +343,7 @@ def _headings(
 
 
 def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
-    """Return the difference of a bearing between two notations of a place: only a pole has more than one meridian."""
+    """Return the difference of a bearing between two notations of a place."""
     return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 

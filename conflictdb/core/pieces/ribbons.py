@@ -310,11 +310,7 @@ def _along(
 
 
 def _rectangle_hull(points: Floats, outline_m: Floats) -> Floats:
-    """Return the hulls (n, h, 2) of an outline at four corners of rectangles (n, 4 m, 2), vertices alike in all.
-
-    Vertices of a hull of a rectangle and a polygon are those for the normals of the polygon and of the rectangle, which
-    are the same for all rectangles.
-    """
+    """Return the hulls (n, h, 2) of an outline at four corners of rectangles (n, 4 m, 2), vertices alike in all."""
     # The directions in which each vertex is extreme do not depend on the rectangle's size: take those of a large one.
     m, size = len(outline_m), 4.0 * max(float(np.abs(outline_m).max()), 1.0)
     example = np.concatenate([outline_m + size * np.array(sign) for sign in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
@@ -329,7 +325,7 @@ def _curvature_m(outline_m: Floats, sides: tuple[float, float], lat_deg: float) 
     """Return how far steps along and across a leg, in another order, may lead from a vertex on the earth, metres.
 
     The two ways enclose a parallelogram: on a sphere its area by the radius, times the tangent of the latitude, is the
-    difference. Sides of the outline bend by less than that.
+    difference.
     """
     size = 2.0 * float(np.hypot(*outline_m.T).max())
     reach = size + max(sides)
@@ -399,7 +395,6 @@ def _sums(one: Floats, other: Floats) -> Floats:
 
 
 def _hull_points(points: Floats) -> Floats:
-    """Return the vertices of the convex hull of points."""
     hull = shapely.convex_hull(shapely.multipoints(points))
     xy = shapely.get_coordinates(hull)
     return xy[:-1] if hull.geom_type == "Polygon" else xy

@@ -1,6 +1,6 @@
 """Tuning constants of stage 4, each with its unit and the effect of a change.
 
-Lengths are metres on the earth unless stated. The published programs have their own constants.
+Lengths are metres on the earth unless stated.
 """
 
 from typing import Final

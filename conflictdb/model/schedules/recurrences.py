@@ -106,7 +106,6 @@ def _utc(local: datetime, zone: tzinfo) -> datetime:
 
 
 def _exists(local: datetime, zone: tzinfo) -> bool:
-    """Return whether clocks show a local time."""
     return _utc(local, zone).astimezone(zone).replace(tzinfo=None) == local
 
 
@@ -137,7 +136,7 @@ def _found(rule: rrule.rrule, start: datetime, zone: tzinfo, first: datetime, la
 
 
 def _existing(every: Iterable[datetime], start: datetime, zone: tzinfo, later: timedelta) -> Iterator[datetime]:
-    """Yield the local times that exist of a rule that was moved to a later time; its start does by definition."""
+    """Yield the local times that exist of a rule that was moved to a later time."""
     for one in every:
         local = one - later
         if local == start or _exists(local, zone):
