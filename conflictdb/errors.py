@@ -1,19 +1,19 @@
 """All errors that this package raises on purpose.
 
 ConflictDBError
-|__ InvalidInput(ValueError)   an object or setting is refused; says which object, which field, which rule
-|__ SchemaError                the database has no usable conflictdb schema
-|   |__ SchemaMissing          run `conflictdb admin init`
-|   |__ SchemaOutdated         database older than this package: run `conflictdb admin upgrade`
-|   |__ SchemaTooNew           database newer than this package: refuse to start
-|__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
-|__ KernelMissing              the compiled kernel is missing or of other sources: `./run` builds it
-|__ EngineMissing              Spark does not run here: Java, its packages or jars are missing; says what to install
-|__ StoreError                 any other database error; psycopg.Error in __cause__
-    |__ NotPermitted           the user lacks a right: names the GRANT to run, if known
-    |__ ReadOnlyDatabase       a hot standby, or transactions are read-only by default
-    |__ LockTimeout            another session kept a lock for longer than the timeout
-    |__ NotCurrent             a scene was not current, or a probe not answered, within the timeout
+|__ InvalidInput(ValueError)
+|__ SchemaError
+|   |__ SchemaMissing
+|   |__ SchemaOutdated
+|   |__ SchemaTooNew
+|__ ServerError
+|__ KernelMissing
+|__ EngineMissing
+|__ StoreError
+    |__ NotPermitted
+    |__ ReadOnlyDatabase
+    |__ LockTimeout
+    |__ NotCurrent
 
 IncompleteWarning accompanies an answer that may lack conflicts, because changes wait for detection. A pair that the
 solver could not decide is not an error: its verdict is `unresolved`.
@@ -109,7 +109,7 @@ class InvalidInput(ConflictDBError, ValueError):
         super().__init__(key, field, rule, source)
 
     def __str__(self) -> str:
-        """Return the message; made only when it is read, since a file may have 100,000 mistakes."""
+        """Return the message, made when it is read."""
         said = ((one.source, one.key, ": ".join(filter(None, (one.field, one.rule)))) for one in self)
         return "\n".join(said_once(list(said)))
 

@@ -1,4 +1,4 @@
-"""Parse commands, and define options of several commands. Imports no library, so that help is fast."""
+"""Parse commands, and define options of several commands. Imports no library."""
 
 import argparse
 import os

@@ -198,7 +198,6 @@ def _shortened(text: str, width: int) -> str:
 
 
 def _head(text: str, width: int) -> str:
-    """Return the first characters of a text that fit a width."""
     end = min(len(text), width)
     while _width(text[:end]) > width:
         end -= 1

@@ -40,7 +40,6 @@ class _Queries:
     group: NDArray[np.int64]
 
     def take(self, rows: NDArray[np.int64]) -> "_Queries":
-        """Return a selection."""
         times = self.first_s[rows], self.last_s[rows]
         return _Queries(PieceRows(self.a[rows]), PieceRows(self.b[rows]), *times, self.group[rows])
 
@@ -67,7 +66,7 @@ def with_closest_approaches(
     meetings : the contacts of the conflicts
     conflicts : the merged contacts
     work : counts the work
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     """
     # With a separation in time conflicts may be of different times, and are close at none.
     is_late = scene.time_separation_s > 0.0

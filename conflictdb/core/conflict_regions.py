@@ -47,7 +47,7 @@ class Meetings:
     offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), at least one
     meet : (n,) whether they are nearer than the separation, not only within the tolerance of it
     first_deg : (n, 2) longitude and latitude of the first contact; NaN if the method does not find it
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     """
 
     setup: Setup

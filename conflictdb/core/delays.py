@@ -261,7 +261,7 @@ def differences_of(
 
     setup : which the pieces were made with
     tracks : (m,) numbers of tracks (`object_numbers`)
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     waits : the tracks that wait at their first waypoint before they depart; None: no track does
     moves_areas : whether some of `tracks` are areas, which have delays, too
     """

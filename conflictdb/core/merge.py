@@ -43,7 +43,7 @@ def merged(
 
     prepared : the pieces of the pairs
     footprints : called for whole areas if contacts are shallow in all parts of one
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     first_deg : (m, 2) longitude and latitude of where contacts begin; None: they are computed
     lacking_s : seconds (m,) of the separation in time that are lacking, and their errors; None: none is required
     """

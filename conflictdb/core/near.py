@@ -1,7 +1,6 @@
 """Which pairs of pieces may meet: one question (`Question`), put to a source of pairs (`PairSource`).
 
-`Memory` has all pieces of a scene in memory. Those of a stored scene are in the database (`Stored` of `jobs.sources`).
-`Together` has given plans beside others.
+Sources are `Memory`, `Together`, and `Stored` of `jobs.sources`.
 """
 
 from collections.abc import Callable, Iterator
@@ -92,8 +91,8 @@ class PairSource(Protocol):
     def pairs(self, question: Question) -> Iterator[Chunk]:
         """Yield the pairs of pieces (a, b) that a question asks for, in chunks of pieces and pairs.
 
-        All pairs of the same two objects are in one chunk, because they become one row. Otherwise chunks are of any
-        size that fits the memory. Only answers stay in memory after a chunk.
+        All pairs of the same two objects are in one chunk. Otherwise chunks are of any size that fits the memory. Only
+        answers stay in memory after a chunk.
         """
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:

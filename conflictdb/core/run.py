@@ -1,8 +1,4 @@
-"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here.
-
-The way from plans to rows of the record: `World.of` and `occupy` cut plans into pieces, and a source yields `pairs` of
-these. Here `contacts` and `merged` decide them. `to_results` or the store records the conflicts.
-"""
+"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -124,7 +120,7 @@ def run_stages(
 
     setup : of the scene and of its pieces
     footprints : called for whole areas if contacts are shallow in all parts of one
-    jobs : threads of the kernel; the answer does not depend on it
+    jobs : threads of the kernel
     progress : called with the number of decided pairs, and of all pairs
     """
     funnel = Funnel()

@@ -228,7 +228,7 @@ def earth_of(model: EarthModel) -> Earth:
 def shorter_way_deg(difference_deg: ArrayLike) -> Floats:
     """Normalise a difference of longitudes to [-180, 180] degrees.
 
-    Exactly half a turn keeps its sign, so that mirrored scenes give mirrored answers.
+    Exactly half a turn keeps its sign.
     """
     difference = np.asarray(difference_deg, dtype=np.float64)
     return np.where(np.abs(difference) > 180.0, difference - 360.0 * np.round(difference / 360.0), difference)

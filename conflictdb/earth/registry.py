@@ -77,8 +77,7 @@ def summed_directions(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
 def middle_deg(sums: NDArray[np.float64]) -> tuple[float, float] | None:
     """Return the middle of places, the mean of their direction vectors, from their sums (4,): to 1e-6 degrees.
 
-    None if the mean has no direction. Then no centre is within 60 degrees of all places: for such a centre the mean
-    would be at least half as long as a direction vector.
+    None if the mean has no direction.
     """
     count, x, y, z = sums.tolist()
     if math.hypot(x, y, z) < 1e-6 * count:

@@ -7,12 +7,7 @@ All processes of a user share the server. It stops when the last of them has end
 keeps it running without any, until `stop_holder`. It listens on a Unix socket in a directory that only its user (and
 root) can enter. Its database `conflictdb` is empty at first; `conflictdb.jobs.schema` fills it.
 
-Environment, read only by `Settings.from_environment`:
-
-CONFLICTDB_HOME          directory of the cluster; default ~/.local/share/conflictdb/default, of root
-                         /var/lib/conflictdb/default
-CONFLICTDB_PG_BIN        the only directory to take PostgreSQL from
-CONFLICTDB_NO_DOWNLOAD   1: never fetch packages
+Only `Settings.from_environment` reads the environment: docs/reference/database.md lists the variables.
 """
 
 import logging

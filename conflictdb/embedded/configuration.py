@@ -18,7 +18,7 @@ _EMPTY_IS_NONE: Final = frozenset({"hostaddr", "options", "require_auth", "passf
 
 
 def forced(socket_directory: Path) -> list[tuple[str, str]]:
-    """Return the settings that every start passes on the command line, so that nothing overrides them."""
+    """Return the settings that every start passes on the command line."""
     quoted = str(socket_directory).replace('"', '""')
     forced = [
         ("listen_addresses", ""),

@@ -215,7 +215,6 @@ class _PrivateApt:
         return complaints[0] if complaints else ""
 
     def search(self, pattern: str) -> list[str]:
-        """Return the names of packages that match a pattern."""
         return [line.split()[0] for line in self._cache("search", "--names-only", pattern).splitlines()]
 
     def show(self, names: Sequence[str]) -> list[dict[str, str]]:

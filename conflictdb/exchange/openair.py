@@ -291,8 +291,6 @@ def _shapes(who: str, airspace: _OpenAirspace, found: Gathered) -> Iterator[shap
 
 
 def _polygon(who: str, where: str, parts: "Sequence[Floats | Arc]") -> shapely.MultiPolygon:
-    """Return the polygon of points and arcs, closed if it is not."""
-
     def ring(ways: dict[int, bool]) -> Floats:
         line = joined(parts, ways, lambda _: None)
         return line if np.array_equal(line[0], line[-1]) else np.concatenate([line, line[:1]])
@@ -372,13 +370,11 @@ def _numbers(who: str, where: str, text: str, count: int) -> list[float]:
 
 
 def _arc(who: str, where: str, centre: tuple[float, float], text: str, is_clockwise: bool) -> Arc:
-    """Return an arc between two bearings."""
     radius, start, end = _numbers(who, where, text, 3)
     return Arc(*centre, radius * METRES_PER_NMI, start, _turned(start, end, is_clockwise))
 
 
 def _arc_between(who: str, where: str, centre: tuple[float, float], text: str, is_clockwise: bool) -> Arc:
-    """Return an arc between two places."""
     ends = _places(who, where, text, 2)
     try:
         (near_m, start), (far_m, end) = (length_and_azimuth(np.array(centre), np.array(one)) for one in ends)

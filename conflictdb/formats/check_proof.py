@@ -322,7 +322,6 @@ class _Piece:
         self.number, self.level, self.box, self.late = 0, 0, (0.0, 0.0, 0.0, 0.0), -1
 
     def later(self, by: int) -> "_Piece":
-        """Return this piece at other times."""
         span, leg = ((one[0] + by, one[1] + by) for one in ((self.start, self.end), self.leg))
         return _Piece(self.of, self.body, span, self.is_closed, leg, self.heights)
 
@@ -698,7 +697,6 @@ def _is_apart(
 
 
 def _hull(points: Iterable[Point]) -> list[Point]:
-    """Return the convex hull, counter-clockwise."""
     rest, chains = sorted(set(points)), list[Point]()
     for order in (rest, rest[::-1]) if len(rest) > 2 else ():
         chain: list[Point] = []

@@ -93,7 +93,7 @@ def read_computed(path: Path) -> Computed:
 def read_conflicts(path: Path, pairs: int) -> Iterator[tuple[Conflicts, Polygons]]:
     """Yield conflicts of numbered objects with their regions, in batches; raises InvalidInput.
 
-    pairs : the expected number; a lost file would otherwise remove conflicts
+    pairs : the expected number
     """
     count = 0
     try:

@@ -238,7 +238,6 @@ def _unusable_rows(found: _Found, source: str, skipped: list[Skipped]) -> Iterat
 
 
 def _fits(schema: "pa.Schema") -> bool:
-    """Return whether a schema without a declared form fits the form OBJECTS."""
     if not set(schema.names) <= {*OBJECTS.schema.names, COVERING}:
         return False
     try:

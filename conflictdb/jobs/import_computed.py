@@ -113,7 +113,6 @@ def write_back(
 
 
 def _check_settings(scene: str, known: Scene, given: Scene) -> None:
-    """Raise InvalidInput for conflicts computed with settings other than the scene's."""
     for name in known.differing(given):
         now, then = getattr(known, name), getattr(given, name)
         rule = f"is {now!s}, but the conflicts were computed with {then!s}: they would say something untrue"

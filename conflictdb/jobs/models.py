@@ -3,8 +3,7 @@
 Needs the extra `sqlalchemy`: ``pip install 'conflictdb[sqlalchemy]'``. A class is named for its rows: `ConflictRow` of
 the view `conflicts`, beside `conflictdb.Conflict`, the record of an answer. The columns are as docs/reference/sql.md
 says: tests keep names, types and nullability equal to the database. Rows of the tables `scene`, `area` and `track` can
-be added, changed and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``. The
-views ``map_...`` repeat the same as layers for maps, and have none.
+be added, changed and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``.
 """
 
 from collections.abc import Sequence

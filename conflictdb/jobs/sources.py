@@ -121,7 +121,7 @@ class FewStored(Stored):
     """The pieces of few changed objects, which it stores, and all they may meet.
 
     srid : of the scene's plane
-    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    most_compared : pairs of pieces up to which the database runs stage 2
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class StoredWithPlan(Stored):
     One statement finds the pairs, by the index and the rule that all pairs of the database go through.
 
     replaced : the key of an object that is left out
-    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    most_compared : pairs of pieces up to which the database runs stage 2
     """
 
     def __init__(

@@ -4,7 +4,7 @@
 Threads may share a `KernelScene`, and calls release the GIL. The answer for a pair does not depend on the other pairs
 of the call (`Questions.pairs_of_objects` divides work budgets), nor on the number of threads.
 
-`build.py` compiles the library; ./run and the build of the wheel do so automatically. See docs/explanation/kernel.md.
+See docs/explanation/kernel.md.
 """
 
 from conflictdb.kernel.contacts import Guess, Questions, contacts

@@ -401,7 +401,6 @@ def _text(asked: Mapping[str, Any], name: str) -> str:
 
 
 def _real(name: str, value: object, most: float) -> float:
-    """Return a number of a request between -most and most."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
         raise HTTPException(400, f"{name}: must be a number from {-most:g} to {most:g}")
     return value

@@ -1,7 +1,6 @@
 """Where an area could be instead: the least shift along bearings with which it meets nothing.
 
-Shifts are whole tenths of a unit, so that words say them without rounding. A detection of the moved copy
-(`Index.probe`) checks each one before it is returned.
+Shifts are whole tenths of a unit. A detection of the moved copy (`Index.probe`) checks each one before it is returned.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Fork Spark's Python workers on this machine from one process that has imported what their tasks need.
 
-Spark runs it as a module (option ``spark.python.daemon.module``). Its own daemon leaves imports to each worker, which
-take a second of a processor.
+Spark runs it as a module (option ``spark.python.daemon.module``).
 """
 
 import gc

@@ -114,8 +114,7 @@ def connect(dsn: str) -> psycopg.Connection[Any]:
     Its transactions (`transaction`, `begin_snapshot`) wait LOCK_WAIT_S for a lock, or as long as the role or database
     sets.
 
-    If this process is killed, the server notices within a second and stops its work. Servers that cannot check the
-    connection (before version 15 all but on Linux) notice when the answer is ready.
+    If this process is killed, the server notices within a second and stops its work.
     """
     with translated():
         conn = psycopg.connect(dsn, client_encoding=_ENCODING, prepare_threshold=None)

@@ -344,7 +344,7 @@ def _with_lengths(column: Column) -> bytes:
 
 
 def _few_with_lengths(column: Ragged) -> bytes:
-    """Return the same as `_with_lengths`, value by value: faster for few rows."""
+    """Return the same as `_with_lengths`, for few rows."""
     data, offset = column.data.tobytes(), column.offset.tolist()
     values = [struct.pack(">i", end - start) + data[start:end] for start, end in pairwise(offset)]
     if column.is_null is not None:

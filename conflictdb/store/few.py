@@ -184,7 +184,7 @@ def put_pieces(
     """Store the pieces of the changed objects, and return their pairs.
 
     most : the largest number of pairs of rows to return
-    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    most_compared : pairs of pieces up to which the database runs stage 2
     """
     stored = bundles_of(pieces)
     of_rows, size = scalars(stored, srid), np.diff(stored.offset)

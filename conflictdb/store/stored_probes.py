@@ -49,7 +49,7 @@ def pieces_meeting(
     overlap in space, time and height. Leaves out the object `key`. The given pieces, which are in no row, are numbered
     -1, -2, ....
 
-    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    most_compared : pairs of pieces up to which the database runs stage 2
     """
     rows = call_many(conn, "_pieces_meeting", scene_id, most_compared, key, *given(pieces))
     is_compared = not rows or rows[0][4] is not None

@@ -5,7 +5,7 @@ x_lo(t) = max(v1 (t - d+), X - v2 (a+ - t), 0) and x_hi(t) = min(v2 (t - d-), X 
 leg. The haven of the leg is the rectangle from x_lo to x_hi and between the cross-track limits, grown by the ship's
 outline: a ribbon. x_lo and x_hi are piecewise linear, so that between their breakpoints the outline of a ribbon changes
 steadily. At a waypoint a ribbon ends and another begins, both at one time; a polygon that stands still there contains
-the turn. An object therefore has several convex parts at one time.
+the turn.
 """
 
 from collections.abc import Iterator

@@ -46,7 +46,7 @@ def approaches(
     wanted_m : (g,) limit of each pair of objects: larger distances are not computed, metres
     aim_m : (g,) error bound to reach, metres; 0: as small as possible
     work : counts the work
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     """
     pieces = prepared.pieces
     order = np.argsort(group, kind="stable")

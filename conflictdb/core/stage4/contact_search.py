@@ -52,7 +52,7 @@ def contacts(
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
         a pair must not be unbounded in time together (pairs of areas are `static_verdicts`).
     progress : called with the number of pairs solved since the last call
-    threads : of the kernel; the answer does not depend on it
+    threads : of the kernel
     """
     solver = METHODS[setup.scene.method].solver
     if solver is None:
