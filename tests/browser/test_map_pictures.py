@@ -113,6 +113,49 @@ def test_a_conflict_is_printed_on_one_page(open_strait: Open) -> None:
     assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
 
 
+def test_a_plan_that_may_move_is_printed_when_it_is_drawn_for_paper(open_strait: Open) -> None:
+    """From a dark screen: in the colours of paper, without handles and sliders; dark again afterwards."""
+    page = open_strait((1280, 900), scheme="dark")
+    page.get_by_role("button", name="FERRY and TOW").click()
+    page.get_by_role("button", name="What if FERRY departs earlier or later").click()
+    wait_until(page, "!conflictdbPage.departure.isProbing")
+    sliders = page.locator(".what-if input")
+    expect(page.locator(".handle")).to_have_count(3)
+    expect(sliders.first).to_be_visible()
+    page.evaluate("""window.print = () => {
+        const {map} = conflictdbPage.view;
+        window.printed = [document.documentElement.dataset.theme, map.loaded() && map.areTilesLoaded()];
+    }""")
+    page.get_by_role("button", name="Print", exact=True).click()
+    wait_until(page, "'printed' in window")
+    assert page.evaluate("window.printed") == ["light", True]
+    wait_until(page, "document.documentElement.dataset.theme === 'dark'")
+    page.evaluate("delete window.print, delete window.printed")
+    page.emulate_media(media="print", color_scheme="dark")
+    expect(page.locator(".what-if .said")).to_be_visible()
+    for gone in (*page.locator(".handle").all(), *sliders.all(), page.locator(".what-if .heights")):
+        expect(gone).to_be_hidden()
+
+
+def test_a_brief_is_printed_alone_on_one_page(open_strait: Open) -> None:
+    """Headings, times and conflicts, and no more text than that."""
+    page = open_strait((1280, 900))
+    page.get_by_role("button", name="FERRY and TOW").click()
+    page.get_by_role("button", name="Brief of FERRY").click()
+    brief = page.locator("#brief")
+    expect(brief.get_by_role("listitem")).to_have_count(3)
+    last = brief.evaluate("(one) => [...one.childNodes].map((child) => child.nodeName)")
+    assert last == ["HEADER", "DL", "H3", "TABLE", "H3", "OL"]
+    page.emulate_media(media="print")
+    expect(brief.get_by_role("listitem").first).to_be_visible()
+    expect(brief.get_by_role("button", name="Print the brief")).to_be_hidden()
+    for gone in ("#map", ".side", ".head"):
+        expect(page.locator(gone)).to_be_hidden()
+    assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
+    page.keyboard.press("Escape")
+    expect(brief).to_be_hidden()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_chosen_pair_stands_out(open_strait: Open, scheme: str) -> None:
     """Its objects have two hues, all else is dimmed, and regions at heights where they are not are hidden."""

@@ -46,7 +46,7 @@ export class AreaMove extends PlanMove {
     this.times = element("div", { hidden: !hasTimes }, this.range, ...Object.keys(this.sliders).map((name) => element("div", { class: "end" }, this.texts[name], this.sliders[name])));
     this.makeWriting();
     this.fill("moves", "a", this.summary, this.times,
-      element("p", { class: "soft" }, "Drag its handle on the map, or move it by the arrow keys."),
+      element("p", { class: "soft how" }, "Drag its handle on the map, or move it by the arrow keys."),
       element("div", { class: "stores" }, element("button", { type: "button", click: () => this.reset() }, "As planned")), this.writing, this.stored);
     await this.read();
   }

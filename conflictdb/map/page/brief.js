@@ -87,7 +87,7 @@ export class Brief {
         ...(owner ? this.fact("Owner", printable(owner)) : [])),
       element("h3", {}, "When"), this.times(object),
       element("h3", {}, conflicts.length ? `Conflicts, the worst first` : "No conflict"), this.conflicts(object, conflicts, model),
-      model.scene.is_current ? null : element("p", {}, `Not current: ${printable(model.scene.remark ?? "")}.`));
+      ...(model.scene.is_current ? [] : [element("p", {}, `Not current: ${printable(model.scene.remark ?? "")}.`)]));
     if (hasFocus) this.section.querySelector("h2").focus({ preventScroll: true });
   }
 
