@@ -259,6 +259,16 @@ def _named_row(cursor: psycopg.Cursor[Any]) -> RowMaker[dict[str, Any]]:
     return make
 
 
+class _Rows(psycopg.ServerCursor[_Row]):
+    """A cursor that is closed even if closing it finds that the connection is lost."""
+
+    def close(self) -> None:
+        try:
+            super().close()
+        finally:
+            psycopg.Cursor.close(self)
+
+
 def _each_row(
     conn: psycopg.Connection[Any],
     row_factory: RowFactory[_Row],
@@ -267,7 +277,7 @@ def _each_row(
     rows_at_once: int,
 ) -> Generator[_Row, None, None]:
     name = f"conflictdb_{next(_CURSORS)}"
-    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=row_factory) as cursor:
+    with translated(routine), _Rows(conn, name, row_factory=row_factory) as cursor:
         cursor.itersize = rows_at_once
         cursor.execute(query_of(routine, arguments), arguments, binary=True)
         yield from cursor

@@ -1,5 +1,6 @@
 """A command that loses its connection, or is interrupted while it cleans up, says so in one line."""
 
+import gc
 import signal
 import socket
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from conflictdb.cli import detecting, termination
 from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.jobs import detect
 from conflictdb.model.plans import Area, Scene
-from conflictdb.store import locking
+from conflictdb.store import connection, locking
 
 LOST = "conflictdb: the connection to the database is lost"
 
@@ -101,6 +102,18 @@ def test_an_error_while_an_interrupt_is_cleaned_up_is_that_interrupt(
     done = runner(scene, capsys)("detect", "--scene", "s")
     assert (done.code, done.err) == (code, f"conflictdb: {word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_rows_that_end_with_their_connection_leave_no_cursor(scene: str) -> None:
+    """Python would warn of one that is open."""
+    with store.connect(scene) as conn:
+        rows = connection.call_each(conn, "_waiting_scenes")
+        assert next(rows)[0] == "s"
+        cut(conn)
+        with pytest.raises(StoreError, match="is lost"):
+            next(rows)
+        del rows
+        gc.collect()
 
 
 @pytest.mark.parametrize("text", ["a\0b", "\ud800"])
