@@ -125,7 +125,7 @@ def test_places_are_the_least_free_steps_along_bearings(strip: Run, dsn: str) ->
     for words, code, says in (
         (("delays", "--aside", "1nmi"), 2, "--aside needs a KEY"),
         (("delays", "BOX", "--bearing", "90"), 2, "--bearing is for --aside"),
-        (("delays", "BOX", "--aside", "1nmi", "--bearing", "west"), 2, "a bearing in degrees"),
+        (("delays", "BOX", "--aside", "1nmi", "--bearing", "aft"), 2, "a bearing in degrees"),
         (("delays", "FERRY", "--aside", "1nmi"), 4, "'FERRY' is a track"),
     ):
         done = strip(*words)

@@ -294,7 +294,7 @@ def test_move_is_explained() -> None:
     assert move.key == "FERRY"
     assert move.clears == ("TOW",)
     assert move.text() == (
-        "FERRY departs 2026-05-28 20:27:55.176779 UTC (1 min 16 s later): passes astern of TOW by 1 m; "
+        "FERRY departs 2026-05-28 20:27:55.176779 UTC (1 min 16 s later): passes astern of TOW by 1.0 m; "
         "clears 1 conflict, makes none"
     )
     assert [one.side for one in move.passes] == [Side.ASTERN]
