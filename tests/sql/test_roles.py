@@ -211,9 +211,9 @@ def test_what_runs_as_its_owner_pins_its_search_path(conn: Conn) -> None:
         "_after_replicated_object", "_after_replicated_removal", "_after_replicated_rule",
         "_after_rule_change", "_after_scene_change", "_after_scene_removal", "_after_scene_resettled",
         "_after_scene_with_positions", "_branch_edit_before", "_close_attached_schema", "_create_note", "_end_pieces",
-        "_first_version", "_free_attached_name", "_free_orphan_name", "_note_branch_edits", "_note_edits", "_note_rule_edits",
-        "_note_scene_edit", "_open_attached_schema", "_position_before", "_prune_probes", "_scene_holders",
-        "_seal_batch",
+        "_first_version", "_free_attached_name", "_free_orphan_name", "_note_branch_edits", "_note_edits",
+        "_note_rule_edits", "_note_scene_edit", "_open_attached_schema", "_position_before", "_prune_probes",
+        "_scene_holders", "_seal_batch",
     ]  # fmt: skip
     for _, settings in routines:
         assert "search_path=conflictdb, conflictdb_internal, pg_temp" in settings
