@@ -26,6 +26,7 @@ FROZEN: dict[str, str] = {
     "0008_count_attempts.py": "94feceb1e0750ffc3442472fda165ed26d8b4723c5df43da661219e6ee0ee86b",
     "0009_keep_edits.py": "ea779852d1bdbdaf0421313836315949dae3e35326096e6fa66e28117cc1b0d2",
     "0010_audit_edits.py": "28b0b70447c8bc4a9e998d2c557effaf35ed55a42f0747a9e2b5d2a4da9951d5",
+    "0011_live_positions.py": "900fd7e4be6a22e2405fbcddd69ed992d012dcab77c6e1ff5439121372e8989c",
 }
 
 

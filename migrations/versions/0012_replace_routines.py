@@ -1,0 +1,22 @@
+"""Replace routines."""
+
+revision = "0012"
+down_revision = "0011"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "0641896f6da1ddbe97203e1764a48c6424a976beafa2bab9a30903388aab485b"
+
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
+
+def upgrade() -> None:
+    """Change nothing: the upgrade installs sql/ after each revision."""
+
+
+def downgrade() -> None:
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )
