@@ -333,3 +333,14 @@ COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
 'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Numbers NaN: none; names are JSON. '
 'Empty: outlines if not per waypoint; floors_m and ceilings_m (array_send) if not per leg; departures (also of a '
 'schedule that is not understood), and texts and documents if there is none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._sampled_keys(p_scene_id bigint, p_most integer) RETURNS text[]
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(array_agg(s.key), '{}')
+    FROM ((SELECT a.key FROM _seen_areas(p_scene_id) a ORDER BY hashtext(a.key) LIMIT p_most)
+          UNION ALL
+          (SELECT t.key FROM _seen_tracks(p_scene_id) t ORDER BY hashtext(t.key) LIMIT p_most)) s;
+END;
+COMMENT ON FUNCTION _sampled_keys(bigint, integer) IS
+'Keys of at most p_most areas and p_most tracks of a scene, spread over all keys; the same at each call.';

@@ -1,6 +1,7 @@
 """Load files into scenes of a database, all or nothing, for `Database.load_files`."""
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -14,7 +15,7 @@ from conflictdb.core.world import World
 from conflictdb.earth.registry import Setup, middle_deg, places_of, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
-from conflictdb.formats.contents import Parts, Phase, without_objects
+from conflictdb.formats.contents import Parts, Phase, name_of, without_objects
 from conflictdb.formats.fixes import rows_of
 from conflictdb.formats.gather import GatheredScene, gather, scene_name
 from conflictdb.formats.hints import FileHints, for_scene
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 # Objects whose places are checked between two reports of progress.
 _CHECKED_AT_ONCE: Final = 10_000
+# Areas, and tracks, of a scene that new ones are compared with: nine of ten of them are known to a few per cent.
+_COMPARED: Final = 500
 # Options with which a file can be read in parts.
 _OF_PARTS: Final = ("max_speed_kn", "max_file_mb")
 
@@ -185,9 +188,11 @@ def _stored_by_parts(
     each = _some_objects(_fitting(settings, parts), parts, who, source, may_be_empty=may_be_empty)
     if is_parquet(source):
         each = _counted(each, phase)
+    stored = store.read_sample(connection, settings.name, _COMPARED)
     counts = store.replace_scene_by_parts(connection, settings, each, merge=not replace, phase=phase)
     replaced = _replaced(source, counts, parts.derived if parts.settings is None else ())
-    return Loaded(settings.name, counts, tuple(parts.skipped), (*parts.remarks, *replaced), parts.came)
+    remarks = (*parts.remarks, *parts.far_from(*stored), *replaced)
+    return Loaded(settings.name, counts, tuple(parts.skipped), remarks, parts.came)
 
 
 def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> Iterator[tuple[list[Area], list[Track]]]:
@@ -202,6 +207,7 @@ def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> It
 def _loaded(
     connection: "psycopg.Connection[Any]", plan: GatheredScene, settings: Scene, replace: bool, phase: Phase
 ) -> Loaded:
+    stored = store.read_sample(connection, plan.name, _COMPARED)
     try:
         counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=not replace, phase=phase)
     except InvalidInput as refused:
@@ -212,7 +218,20 @@ def _loaded(
     replaced = _replaced(plan.sources[0], counts, [*plan.derived, *(key for key in keys if _is_number(key, len(keys)))])
     came = WhatCame(settings)
     came.add(plan.areas, plan.tracks)
-    return Loaded(plan.name, counts, tuple(plan.skipped), (*plan.remarks, *replaced), came.summary())
+    remarks = (*plan.remarks, *_far_from(stored, plan, settings), *replaced)
+    return Loaded(plan.name, counts, tuple(plan.skipped), remarks, came.summary())
+
+
+def _far_from(stored: tuple[list[Area], list[Track]], plan: GatheredScene, settings: Scene) -> Iterator[Remark]:
+    """Yield remarks on the objects of each file that are far from those that the scene had before."""
+    for source in plan.sources:
+        areas = [one for one in plan.areas if plan.source_of[one.key] == source]
+        tracks = [one for one in plan.tracks if plan.source_of[one.key] == source]
+        items: list[Area | Track] = [*areas, *tracks]
+        names = [name_of(one) for one in items]
+        came = WhatCame(settings)
+        came.add(areas, tracks)
+        yield from came.far_from(*stored, source=source, name=names.__getitem__, now_us=time.time_ns() // 1000)
 
 
 def _is_number(key: str, count: int) -> bool:

@@ -104,6 +104,7 @@ class Parts:
     each : areas and tracks in batches; can be read once
     refusals, skipped, remarks, derived : those of the parts read so far; of the derived ids the first
     came : what they held, after the last part
+    far_from : given areas and tracks of a scene, returns remarks on objects that are far from them, after the last part
     """
 
     settings: Scene | None
@@ -113,6 +114,7 @@ class Parts:
     remarks: list[Remark] = field(default_factory=list)
     derived: list[str] = field(default_factory=list)
     came: LoadSummary = field(default_factory=LoadSummary)
+    far_from: Callable[[Sequence[Area], Sequence[Track]], Iterable[Remark]] = lambda _areas, _tracks: ()
 
 
 class _Keyed(Protocol):

@@ -40,38 +40,70 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
     extents : (n, 4) as `extents` returns them
     name : returns the name of an object, given its index
     """
+    which, text = found_far(extents)
+    for i in which.tolist():
+        yield Remark(source, name(i), text(i))
+
+
+def found_far(
+    extents: NDArray[np.float64], others: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.intp], Callable[[int], str]]:
+    """Return the objects that lie far from all others, and the text of each.
+
+    extents, others : (n, 4) and (m, 4) as `extents` returns them; None: each object is compared with the rest
+    """
     n = len(extents)
-    if n < 2:
-        return
-    places = 0.5 * (extents[:, :2] + extents[:, 2:])
-    at = geodesy.unit_vectors(places)
-    middle = np.array([np.median(at[:, i]) for i in range(3)]) if n > 2 else at[0]
+    if not n or len(extents if others is None else others) < (2 if others is None else 1):
+        return np.empty(0, np.intp), str
+    at = geodesy.unit_vectors(_middles(extents))
+    of = at if others is None else geodesy.unit_vectors(_middles(others))
+    middle = np.array([np.median(of[:, i]) for i in range(3)]) if len(of) > 2 else of[0]
+    size_m, apart_m = _sizes_and_distances_m(extents, at, middle)
+    distance_m = np.maximum(apart_m - size_m, 0.0)
+    its_m = distance_m
+    if others is not None:
+        size_m, apart_m = _sizes_and_distances_m(others, of, middle)
+        its_m = np.maximum(apart_m - size_m, 0.0)
+    # Reach of the others: without the farthest, so that an object does not hide itself.
+    nearer = np.argsort(its_m)[: max(1, min(len(of) - 1, int(0.9 * len(of))))]
+    reach_m = float((apart_m + size_m)[nearer].max())
+    remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
+    swapped_m = np.full(n, np.inf)
+    places = _middles(extents)
+    can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
+    swapped_m[can_be_swapped] = _apart_m(geodesy.unit_vectors(places[can_be_swapped, ::-1]), middle)
+    looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
+    least_m = min(max(FAR * reach_m, _LEAST_M), max(_FAR_IF_SWAPPED * reach_m, _PLAINLY_FAR_M))
+    is_far = (distance_m > least_m) & (len(of) > 2)
+    whom = "the other objects" if others is None else "the objects of the scene"
+
+    def text(i: int) -> str:
+        apart = f"lies {distance_m[i] / 1000.0:,.0f} km from {whom}"
+        if looks_swapped[i]:
+            return f"{apart}, but among them if longitude and latitude are swapped: longitude comes first"
+        within = f"{max(reach_m, 1000.0) / 1000.0:,.0f} km of each other"
+        return f"{apart}, which lie within {within}; is its position right?"
+
+    return np.flatnonzero(is_far | looks_swapped), text
+
+
+def _middles(extents: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(0.5 * (extents[:, :2] + extents[:, 2:]))
+
+
+def _sizes_and_distances_m(
+    extents: NDArray[np.float64], at: NDArray[np.float64], middle: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far each extent reaches from its place `at`, and how far that is from the middle, metres."""
+    size_m, apart_m = np.empty(len(at)), np.empty(len(at))
     # In chunks: there may be millions.
-    size_m, apart_m = np.empty(n), np.empty(n)
-    for first in range(0, n, _AT_ONCE):
+    for first in range(0, len(at), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         size_m[some] = np.max(
             [_apart_m(geodesy.unit_vectors(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0
         )
         apart_m[some] = _apart_m(at[some], middle)
-    distance_m = np.maximum(apart_m - size_m, 0.0)
-    # Reach of the others: without the farthest, so that an object does not hide itself.
-    nearer = np.argsort(distance_m)[: max(1, min(n - 1, int(0.9 * n)))]
-    reach_m = float((apart_m + size_m)[nearer].max())
-    remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
-    swapped_m = np.full(n, np.inf)
-    can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
-    swapped_m[can_be_swapped] = _apart_m(geodesy.unit_vectors(places[can_be_swapped, ::-1]), middle)
-    looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
-    least_m = min(max(FAR * reach_m, _LEAST_M), max(_FAR_IF_SWAPPED * reach_m, _PLAINLY_FAR_M))
-    is_far = (distance_m > least_m) & (n > 2)
-    for i in np.flatnonzero(is_far | looks_swapped).tolist():
-        text = f"lies {distance_m[i] / 1000.0:,.0f} km from the other objects"
-        if looks_swapped[i]:
-            text += ", but among them if longitude and latitude are swapped: longitude comes first"
-        else:
-            text += f", which lie within {max(reach_m, 1000.0) / 1000.0:,.0f} km of each other; is its position right?"
-        yield Remark(source, name(i), text)
+    return size_m, apart_m
 
 
 def extents(areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypedDict
 
@@ -237,6 +238,7 @@ def _summed_up(
         legs.add(tracks)
         yield areas, tracks
     parts.came = came.summary()
+    parts.far_from = partial(came.far_from, source=source, name=summary.name, now_us=time.time_ns() // 1000)
     parts.refusals.extend(summary.twice())
     parts.remarks += [
         *(() if len(summary) else (_empty(source),)),

@@ -16,6 +16,7 @@ from conflictdb.formats.track_times import speeds_kn
 from conflictdb.model.inputs import EPOCH
 from conflictdb.model.load_summary import LoadSummary
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 _YEAR_US: Final = 365 * 86_400_000_000
 # Nobody plans further ahead.
@@ -28,6 +29,8 @@ _LEAST_TRACKS: Final = 3
 _OTHERS: Final = 0.9
 # Aircraft are faster, and most ships slower.
 _SHIP_KN: Final = 40.0
+# Between knots, metres a second and kilometres an hour.
+_BETWEEN_UNITS: Final = tuple(f for one in (MPS_PER_KNOT, 3.6, 3.6 * MPS_PER_KNOT) for f in (one, 1.0 / one))
 # Remarks of one kind that name their object; the other objects are counted.
 _MOST_NAMED: Final = 3
 _WIDTH: Final = 9
@@ -95,15 +98,26 @@ class WhatCame:
 
         name : returns the name of an object, given its place in the order in which they were added
         """
-        if not self._rows:
+        if self._rows:
+            for rule in _RULES:
+                for found in rule(self._table(), None, now_us):
+                    yield from _named(source, name, *found)
+
+    def far_from(
+        self, areas: Sequence[Area], tracks: Sequence[Track], *, source: str, name: Callable[[int], str], now_us: int
+    ) -> Iterator[Remark]:
+        """Yield remarks on what is far from objects of a scene, without those that `remarks` and `places.far` yield."""
+        stored = WhatCame(self.scene)
+        stored.add(areas, tracks)
+        if not self._rows or not stored._rows:
             return
-        rows = self._table()
-        for which, text in (*_years(rows, now_us), *_speeds(rows), *_signs(rows)):
-            for i in which.tolist()[:_MOST_NAMED]:
-                yield Remark(source, name(i), text(i))
-            if len(which) > _MOST_NAMED:
-                count = len(which) - _MOST_NAMED
-                yield Remark(source, "file", f"{count:,} more objects are like {name(int(which[0]))} in this")
+        rows, others = self._table(), stored._table()
+        for rule in (_far, *_RULES):
+            known = [which for which, _ in rule(rows, None, now_us)]
+            for which, text in rule(rows, others, now_us):
+                yield from _named(source, name, np.setdiff1d(which, np.concatenate([*known, which[:0]])), text)
+        if (text_of_all := _other_unit(rows, others)) is not None:
+            yield Remark(source, "file", text_of_all)
 
     def _table(self) -> NDArray[np.float64]:
         return np.array(self._rows).reshape(-1, _WIDTH)
@@ -111,51 +125,106 @@ class WhatCame:
 
 # Objects with a remark, and the text of each.
 _Found = tuple[NDArray[np.intp], Callable[[int], str]]
+_Others = NDArray[np.float64] | None
 
 
-def _years(rows: NDArray[np.float64], now_us: int) -> Iterator[_Found]:
+def _named(
+    source: str, name: Callable[[int], str], which: NDArray[np.intp], text: Callable[[int], str]
+) -> Iterator[Remark]:
+    for i in which.tolist()[:_MOST_NAMED]:
+        yield Remark(source, name(i), text(i))
+    if len(which) > _MOST_NAMED:
+        count = len(which) - _MOST_NAMED
+        yield Remark(source, "file", f"{count:,} more objects are like {name(int(which[0]))} in this")
+
+
+def _far(rows: NDArray[np.float64], others: _Others, _now_us: int) -> Iterator[_Found]:
+    yield places.found_far(rows[:, :4], None if others is None else others[:, :4])
+
+
+def _years(rows: NDArray[np.float64], others: _Others, now_us: int) -> Iterator[_Found]:
     begins = np.isfinite(rows[:, 4])
-    at = np.where(begins, rows[:, 4], rows[:, 5])
-    known = np.flatnonzero(np.isfinite(at))
-    if not known.size:
+    at = _first_times(rows)
+    known, of = np.flatnonzero(np.isfinite(at)), at if others is None else _first_times(others)
+    of = of[np.isfinite(of)]
+    if not known.size or not of.size:
         return
-    middle = float(np.median(at[known]))
-    apart = np.abs(at[known] - middle)
-    reach = float(np.sort(apart)[max(0, int(_OTHERS * known.size) - 1)])
-    far = known[apart > max(_YEAR_US, 3.0 * reach)] if known.size > 2 else known[:0]
+    middle = float(np.median(of))
+    reach = float(np.sort(np.abs(of - middle))[max(0, int(_OTHERS * of.size) - 1)])
+    far = known[np.abs(at[known] - middle) > max(_YEAR_US, 3.0 * reach)] if of.size > 2 else known[:0]
 
     def when(rest: str, i: int) -> str:
         return f"{'begins' if begins[i] else 'ends'} on {_moment(at[i])[:10]}, {rest}: is its year right?"
 
-    yield far, partial(when, f"and the others about {_moment(middle)[:10]}")
+    yield far, partial(when, f"and {_who(others)} about {_moment(middle)[:10]}")
     ahead = np.setdiff1d(known[at[known] > now_us + _MOST_AHEAD_US], far)
     yield ahead, partial(when, "more than five years from now")
 
 
-def _speeds(rows: NDArray[np.float64]) -> Iterator[_Found]:
+def _first_times(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return when objects begin, or end if they have no beginning, NaN for neither."""
+    return np.where(np.isfinite(rows[:, 4]), rows[:, 4], rows[:, 5])
+
+
+def _speeds(rows: NDArray[np.float64], others: _Others, _now_us: int) -> Iterator[_Found]:
     """Compare what flies with what flies, and the rest with the rest."""
     speed = rows[:, 6]
-    flies = rows[:, 7] > 0.0
-    for alike in (flies, ~flies):
-        known = np.flatnonzero(np.isfinite(speed) & alike)
-        if known.size < _LEAST_TRACKS:
+    for known, usual in _alike(rows, rows if others is None else others):
+        if len(usual) < _LEAST_TRACKS:
             continue
-        usual = float(np.sort(speed[known])[max(1, int(_OTHERS * known.size)) - 1])
-        rest = f"and the others at most at {usual:,.0f} kn: is a time, a place or a unit wrong?"
-        if usual > 0.0:
-            yield known[speed[known] > _FASTER * usual], partial(_fast, speed, rest)
+        most = float(usual[max(1, int(_OTHERS * len(usual))) - 1])
+        rest = f"and {_who(others)} at most at {most:,.0f} kn: is a time, a place or a unit wrong?"
+        if most > 0.0:
+            yield known[speed[known] > _FASTER * most], partial(_fast, speed, rest)
+
+
+def _alike(
+    rows: NDArray[np.float64], others: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
+    """Yield the rows of tracks that fly, and of those that do not, and the sorted speeds of such others."""
+    for fly in (True, False):
+        ours, theirs = (np.isfinite(some[:, 6]) & ((some[:, 7] > 0.0) == fly) for some in (rows, others))
+        yield np.flatnonzero(ours), np.sort(others[theirs, 6])
+
+
+def _other_unit(rows: NDArray[np.float64], others: NDArray[np.float64]) -> str | None:
+    """Return a remark on tracks that are all slower or faster than the others, by a factor between units of speed."""
+    for known, usual in _alike(rows, others):
+        if min(len(known), len(usual)) < _LEAST_TRACKS:
+            continue
+        speed = rows[known, 6]
+        low, high = np.quantile(usual, [1.0 - _OTHERS, _OTHERS])
+        converted = float(np.median(speed)) * np.array(_BETWEEN_UNITS)
+        if (speed.min() > high or speed.max() < low) and ((low <= converted) & (converted <= high)).any():
+            own, rest = (f"{least:,.0f} to {most:,.0f} kn" for least, most in ((speed.min(), speed.max()), (low, high)))
+            return f"its tracks travel at {own}, and {_who(others)} at {rest}: is the unit right (kn, m/s or km/h)?"
+    return None
+
+
+def _who(others: _Others) -> str:
+    return "the others" if others is None else "those of the scene"
 
 
 def _fast(speed: NDArray[np.float64], rest: str, i: int) -> str:
     return f"travels at {speed[i]:,.0f} kn, {rest}"
 
 
-def _signs(rows: NDArray[np.float64]) -> Iterator[_Found]:
+def _signs(rows: NDArray[np.float64], others: _Others, _now_us: int) -> Iterator[_Found]:
     floor, speed = rows[:, 7], rows[:, 6]
-    above = np.flatnonzero((floor > 0.0) & (speed <= _SHIP_KN))
-    if (floor < 0.0).any() and above.size <= max(1.0, (1.0 - _OTHERS) * len(rows)):
-        rest = "and others are below it: depths are heights below zero; is its sign right?"
-        yield above, lambda i: f"is {floor[i]:,.0f} m above the sea at {speed[i]:,.0f} kn, {rest}"
+    above = np.flatnonzero(_is_above(rows))
+    rest = rows if others is None else others
+    if (rest[:, 7] < 0.0).any() and _is_above(rest).sum() <= max(1.0, (1.0 - _OTHERS) * len(rest)):
+        whom = "others" if others is None else "some of the scene"
+        why = f"and {whom} are below it: depths are heights below zero; is its sign right?"
+        yield above, lambda i: f"is {floor[i]:,.0f} m above the sea at {speed[i]:,.0f} kn, {why}"
+
+
+def _is_above(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray((rows[:, 7] > 0.0) & (rows[:, 6] <= _SHIP_KN))
+
+
+# Given objects, the others (None: the rest of them) and the time.
+_RULES: Final[tuple[Callable[[NDArray[np.float64], _Others, int], Iterator[_Found]], ...]] = (_years, _speeds, _signs)
 
 
 def _bounded(at_us: int | None) -> float:

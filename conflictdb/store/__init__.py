@@ -199,6 +199,7 @@ if TYPE_CHECKING:
         plan_rows,
         put_plans,
         put_rows,
+        read_sample,
         read_scene,
         replace_scene,
         replace_scene_by_parts,

@@ -23,7 +23,7 @@ from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, bytes_c
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
 from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, require_writable, transaction
+from conflictdb.store.connection import call, call_many, require_writable, transaction
 from conflictdb.store.scenes import read_settings, scene_or_branch_id, settings_of
 
 _Plan = TypeVar("_Plan", Area, Track)
@@ -189,6 +189,15 @@ def read_scene(
         areas = areas_of(*copy_binary.receive(conn, "_read_areas", [number, among], *_READ_AREAS))
         tracks = tracks_of(*copy_binary.receive(conn, "_read_tracks", [number, among], *_READ_TRACKS))
         return read_settings(conn, number), areas, tracks
+
+
+def read_sample(conn: psycopg.Connection[Any], name: str, most: int) -> tuple[list[Area], list[Track]]:
+    """Return at most `most` areas and tracks each, spread over a scene; none if it does not exist."""
+    with transaction(conn):
+        if not call_many(conn, "_scene_named", name):
+            return [], []
+        _, areas, tracks = read_scene(conn, name, call(conn, "_sampled_keys", scene_or_branch_id(conn, name), most)[0])
+        return areas, tracks
 
 
 @dataclass(frozen=True, slots=True)
