@@ -13,23 +13,28 @@ report says what cannot be checked.
 import hashlib
 import json
 import sys
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from itertools import pairwise
+from math import asin, asinh, atan2, atanh, cos, cosh, floor, hypot, inf, pi, radians, sin, sinh, sqrt, tan, tanh
 from pathlib import Path
 from typing import Any
 
-# isort: split
-from math import asin, asinh, atan, atan2, atanh, ceil, cos, cosh, floor, hypot, inf, isfinite, log2, pi
-
-# isort: split
-from math import radians, sin, sinh, sqrt, tan, tanh
-
 VERSION = 1
 MEAN_RADIUS_M, WGS84_RADIUS_M, FLATTENING = 6371008.771415, 6378137.0, 1 / 298.257223563
+# Rows j from 1: coefficients of n^j, n^(j + 2), n^(j + 4) of sin 2j lat in m, and of sin 2j mu in the latitude.
+TO_M = [
+    (-3 / 2, 9 / 16, -3 / 32),
+    (15 / 16, -15 / 32, 135 / 2048),
+    (-35 / 48, 105 / 256, 0),
+    (315 / 512, -189 / 512, 0),
+]
+TO_M += [(-693 / 1280, 0, 0), (1001 / 2048, 0, 0)]
+TO_LAT = [(3 / 2, -27 / 32, 269 / 512), (21 / 16, -55 / 32, 6759 / 4096), (151 / 96, -417 / 128, 0)]
+TO_LAT += [(1097 / 512, -15543 / 2560, 0), (8011 / 2560, 0, 0), (293393 / 61440, 0, 0)]
 ROUNDING_M = 1e-6  # on the earth
 DISTANCE_M = 1e-3  # of distances on the earth that show a contact, where a separation is required
 SAME_HEIGHT_M = 5e-10
@@ -38,11 +43,12 @@ FARTHEST = 0.1  # radians: larger separations are not checked
 LEAST_UP = 0.49999999998488504  # 60 degrees from the centre of a scene of great circles
 TOLERANCES = {"xtd_port_m", "xtd_starboard_m", "min_speed_kn", "max_speed_kn", "turn_radius_m"}
 TOLERANCES |= {"departure_window", "arrival_window"}
+SEPARATIONS = {"separation_m": "separation_m", "vertical_separation_m": "vertical_m", "time_separation_s": "time_s"}
 PARTS = ["settings", "objects", "pieces", "verdicts", "proofs"]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-GAUSS = [(s * sqrt(5 - s * s * 2 * sqrt(10 / 7)) / 3, (322 + 13 * sqrt(70)) / 1800) for s in (-1.0, 1.0)]
-GAUSS += [(s * sqrt(5 + s * s * 2 * sqrt(10 / 7)) / 3, (322 - 13 * sqrt(70)) / 1800) for s in (-1.0, 1.0)]
-GAUSS += [(0.0, 64 / 225)]  # nodes from -1 to 1, and weights of sum 1
+# Nodes from -1 to 1, and weights of sum 1.
+GAUSS = [(0.0, 64 / 225), *((s * 0.5384693101056831, 0.23931433524968324) for s in (-1, 1))]
+GAUSS += [(s * 0.906179845938664, 0.11846344252809454) for s in (-1, 1)]
 
 Point = tuple[float, float]
 Range = tuple[float, float]
@@ -53,9 +59,7 @@ class Refused(Exception):
     """The proof is no proof."""
 
 
-# ---- Planes, in which legs and edges are straight -------------------------------------------------------------------
-
-
+# ---- Planes, in which legs and edges are straight ----
 class _Mercator:
     """x = a lon, y = a psi; m is the distance from the equator along a meridian, metres."""
 
@@ -63,15 +67,8 @@ class _Mercator:
         f = self.f = 0.0 if is_sphere else FLATTENING
         self.a, self.e2, n = MEAN_RADIUS_M if is_sphere else WGS84_RADIUS_M, f * (2 - f), f / (2 - f)
         self.e, self.unit = sqrt(self.e2), self.a / (1 + n) * (1 + n**2 / 4 + n**4 / 64 + n**6 / 256)
-        self.to_m = [
-            n * (-3 / 2 + 9 / 16 * n**2 - 3 / 32 * n**4),
-            n**2 * (15 / 16 - 15 / 32 * n**2 + 135 / 2048 * n**4),
-        ]
-        self.to_m += [n**3 * (-35 / 48 + 105 / 256 * n**2), n**4 * (315 / 512 - 189 / 512 * n**2), -693 / 1280 * n**5]
-        self.to_m += [1001 / 2048 * n**6]
-        self.to_lat = [n * (3 / 2 - 27 / 32 * n**2 + 269 / 512 * n**4)]
-        self.to_lat += [n**2 * (21 / 16 - 55 / 32 * n**2 + 6759 / 4096 * n**4), n**3 * (151 / 96 - 417 / 128 * n**2)]
-        self.to_lat += [n**4 * (1097 / 512 - 15543 / 2560 * n**2), 8011 / 2560 * n**5, 293393 / 61440 * n**6]
+        powers = [(n**j, n ** (j + 2), n ** (j + 4)) for j in range(1, 7)]
+        self.to_m, self.to_lat = ([_dot(*one) for one in zip(row, powers, strict=True)] for row in (TO_M, TO_LAT))
         self.turn, self.at_equator = 2 * pi * self.a, self.slopes(0.0)[1]
 
     def m(self, lat: float) -> float:
@@ -85,16 +82,16 @@ class _Mercator:
         return asinh(tan(lat)) - self.e * atanh(self.e * sin(lat))
 
     def lat_of(self, psi: float) -> float:
-        lat = atan(sinh(psi))
+        lat = atan2(sinh(psi), 1.0)
         for _ in range(5 if self.f else 0):
-            lat = atan(sinh(psi + self.e * atanh(self.e * sin(lat))))
+            lat = atan2(sinh(psi + self.e * atanh(self.e * sin(lat))), 1.0)
         return lat
 
     def axis(self, lat: float) -> float:
         """Return the distance from the axis of the earth: the metres of a radian of longitude."""
         return self.a * cos(lat) / sqrt(1 - self.e2 * sin(lat) ** 2)
 
-    def slopes(self, m: float) -> tuple[float, float]:
+    def slopes(self, m: float) -> Range:
         """Return the second and the third derivative of psi in m; the first is 1 / axis."""
         lat = self.lat(m)
         p, sine, w = self.axis(lat), sin(lat), 1 - self.e2 * sin(lat) ** 2
@@ -105,12 +102,17 @@ class _Mercator:
         d, to_pole = m2 - m1, self.unit * pi / 2 - max(abs(m1), abs(m2))
         if abs(d) > 6e5:
             return (self.psi(self.lat(m2)) - self.psi(self.lat(m1))) / d
-        parts = min(ceil(abs(d) / (0.1 * max(to_pole, 1e3))), 1000) or 1
+        parts = min(1 + floor(abs(d) / (0.1 * max(to_pole, 1e3))), 1000)
         nodes = [(m1 + d * (k + 0.5 + 0.5 * x) / parts, w) for k in range(parts) for x, w in GAUSS]
         return sum(w / self.axis(self.lat(m)) for m, w in nodes) / parts
 
     def place(self, lon: float, lat: float) -> Point:
         return self.a * radians(lon), self.a * self.psi(radians(lat))
+
+    def courses(self, lon: float, lat: float, lon_to: float, lat_to: float) -> Range:
+        """Return the bearings of a leg at its start and at its end."""
+        m, m_to = self.m(lat), self.m(lat_to)
+        return (atan2((lon_to - lon) / self.stretch(m, m_to), m_to - m),) * 2
 
     def scale(self, points: Iterable[Point]) -> float:
         """Return the most plane metres of a metre at some places."""
@@ -120,7 +122,7 @@ class _Mercator:
         """Return a half of a distance: two places nearer on the earth are within both halves, plane metres."""
         theta = distance_m / self.a
         sine = self.scale([point]) * sin(theta / 2 * (1 + 0.3 * self.f * theta**2))
-        if sine > 0.5 or theta > FARTHEST:
+        if sine > 0.5:
             raise OverflowError
         return self.a * (sine + 0.21 * sine**3)
 
@@ -144,34 +146,37 @@ class _Mercator:
 class _Gnomonic:
     """The sphere, projected from its centre to the plane that touches it at the centre of the scene."""
 
-    turn = 0.0
+    turn = 8e7  # nothing is that far away
 
     def __init__(self, centre: Sequence[float]) -> None:
-        self.up, (self.east, self.north) = _unit_vector(*centre), _compass(*centre)
+        self.up, self.east, self.north = _axes(*centre)
 
     def flat(self, v: Vector) -> Point:
         up = _dot(self.up, v)
-        if not up > 0.4:
+        if not up > LEAST_UP - 1e-9:
             raise Refused("a place is too far from the centre of the scene")
         return MEAN_RADIUS_M * _dot(self.east, v) / up, MEAN_RADIUS_M * _dot(self.north, v) / up
 
     def place(self, lon: float, lat: float) -> Point:
-        return self.flat(_unit_vector(lon, lat))
+        return self.flat(_axes(lon, lat)[0])
+
+    def courses(self, lon: float, lat: float, lon_to: float, lat_to: float) -> Range:
+        turn, step, bend = lon_to - lon, lat_to - lat, 2 * sin((lon_to - lon) / 2) ** 2
+        first = atan2(cos(lat_to) * sin(turn), sin(step) + sin(lat) * cos(lat_to) * bend)
+        return first, atan2(cos(lat) * sin(turn), sin(step) - sin(lat_to) * cos(lat) * bend)
 
     def scale(self, points: Iterable[Point]) -> float:
         return 1 + max(x * x + y * y for x, y in points) / MEAN_RADIUS_M**2
 
     def half(self, distance_m: float, point: Point, along: Point) -> float:
         own = ((point[0] * along[0] + point[1] * along[1]) / MEAN_RADIUS_M) ** 2
-        if distance_m / MEAN_RADIUS_M > FARTHEST:
-            raise OverflowError
         return MEAN_RADIUS_M * sin(distance_m / MEAN_RADIUS_M / 2) * sqrt(self.scale([point]) * (1 + own))
 
     def half_slope(self, distance_m: float, _scale: float) -> float:
         return 3.5 * sin(distance_m / MEAN_RADIUS_M / 2)
 
     def distance(self, one: Point, other: Point) -> float:
-        (x, y, z), (u, v, w) = _unit_vector(*one), _unit_vector(*other)
+        (x, y, z), (u, v, w) = _axes(*one)[0], _axes(*other)[0]
         return 2 * MEAN_RADIUS_M * asin(min(hypot(x - u, y - v, z - w) / 2, 1.0))
 
 
@@ -179,50 +184,19 @@ def _dot(u: Vector, v: Vector) -> float:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _unit_vector(lon: float, lat: float) -> Vector:
-    lon, lat = radians(lon), radians(lat)
-    return cos(lat) * cos(lon), cos(lat) * sin(lon), sin(lat)
+def _axes(lon: float, lat: float) -> tuple[Vector, Vector, Vector]:
+    """Return unit vectors up, east and north."""
+    s, c, z, r = sin(radians(lon)), cos(radians(lon)), sin(radians(lat)), cos(radians(lat))
+    return (r * c, r * s, z), (-s, c, 0.0), (-z * c, -z * s, r)
 
 
-def _compass(lon: float, lat: float) -> tuple[Vector, Vector]:
-    lon, lat = radians(lon), radians(lat)
-    return (-sin(lon), cos(lon), 0.0), (-sin(lat) * cos(lon), -sin(lat) * sin(lon), cos(lat))
-
-
-def _courses(plane: Any, ends: Sequence[Point]) -> tuple[float, float] | None:
-    """Return the bearing of a leg at its start and at its end; None: it stands still."""
-    (lon, one), (lon_to, other) = ((radians(lon), radians(lat)) for lon, lat in ends)
-    turn, bend = lon_to - lon, 2 * sin((lon_to - lon) / 2) ** 2
-    if turn == 0.0 and one == other:
-        return None
-    if isinstance(plane, _Mercator):
-        m, m_to = plane.m(one), plane.m(other)
-        return (atan2(turn / plane.stretch(m, m_to), m_to - m),) * 2
-    first = atan2(cos(other) * sin(turn), sin(other - one) + sin(one) * cos(other) * bend)
-    return first, atan2(cos(one) * sin(turn), sin(other - one) - sin(other) * cos(one) * bend)
-
-
-# ---- Pieces: polygons that stand still or move along a leg ----------------------------------------------------------
-
-
-def _range(a: float, b: float) -> Range:
-    return (a, b) if a <= b else (b, a)
-
-
-def _plus(a: Range, b: Range) -> Range:
-    return a[0] + b[0], a[1] + b[1]
+# ---- Pieces: polygons that stand still or move along a leg ----
+def _range(*numbers: float) -> Range:
+    return min(numbers), max(numbers)
 
 
 def _times(a: Range, b: Range) -> Range:
-    products = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
-    return min(products), max(products)
-
-
-def _step_bend(rate: float, length: Range, pace: Range, second: Range, third: Range) -> Range:
-    """Return bounds of the second derivative of a step h: 2 h' psi'' q' + h psi''' q'^2, q where it is."""
-    low, high = _range(pace[0] ** 2, pace[1] ** 2)
-    steady = _times(_times(length, (0.0 if pace[0] < 0 < pace[1] else low, high)), third)
-    return _plus(steady, _times((2 * rate, 2 * rate), _times(pace, second)))
+    return _range(a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1])
 
 
 class _Rhumb:
@@ -256,20 +230,25 @@ class _Rhumb:
 
     def bend(self, along: Point, t: float, u: float) -> Range:
         """Return bounds of the second derivative of all vertices along a vector from t to u."""
-        earth, (mt, start), (mu, end) = self.earth, self.steps(t), self.steps(u)
+        earth, (mt, start), (mu, end), e, n = self.earth, self.steps(t), self.steps(u), self.e, self.n
         places = [mt, mu, *(m for steps in (start, end) for one in steps for m in one[2:])]
-        south, north = earth.slopes(min(places)), earth.slopes(max(places))
-        second, (low, high) = (south[0], north[0]), _range(south[1], north[1])
-        third = earth.at_equator if min(places) < 0 < max(places) else low, high
-        pace = self.dx / (self.seconds * self.whole) * self.pace
-        reference, bounds = _range(pace * earth.slopes(mt)[0], pace * earth.slopes(mu)[0]), []
+        second, (low, high) = zip(earth.slopes(min(places)), earth.slopes(max(places)), strict=True)
+        third = _range(low, high, *([earth.at_equator] if min(places) < 0 < max(places) else []))
+        east, pace, bounds = earth.a * along[0], along[0] * self.dx / (self.seconds * self.whole) * self.pace, []
         for one, other, (right_rate, ahead_rate) in zip(start, end, self.rates, strict=True):
-            middle = self.pace + ahead_rate * self.n
-            last, e, n = middle - right_rate * self.e, self.e, self.n
-            x = _step_bend(ahead_rate * e, _range(e * one[0], e * other[0]), _range(self.pace, middle), second, third)
-            y = _step_bend(right_rate * n, _range(n * one[1], n * other[1]), _range(middle, last), second, third)
-            x = _times((along[0],) * 2, _plus(reference, _times((earth.a,) * 2, _plus(x, y))))
-            bounds.append(_plus(x, _times((along[1] * earth.a * last * last,) * 2, second)))
+            middle = self.pace + ahead_rate * n
+            last = middle - right_rate * e
+            terms = [_range(pace * earth.slopes(mt)[0], pace * earth.slopes(mu)[0])]
+            terms.append(_times((along[1] * earth.a * last * last,) * 2, second))
+            # The second derivative of a step h is 2 h' psi'' q' + h psi''' q'^2, q where it is.
+            for rate, h, h_to, q, q_to in (
+                (ahead_rate * e, e * one[0], e * other[0], self.pace, middle),
+                (right_rate * n, n * one[1], n * other[1], middle, last),
+            ):
+                square = _range(q * q, q_to * q_to, *([0.0] if q * q_to < 0 else []))
+                terms.append(_times((2 * east * rate * q, 2 * east * rate * q_to), second))
+                terms.append(_times(_times((east * h, east * h_to), square), third))
+            bounds.append([sum(ends) for ends in zip(*terms, strict=True)])
         return min(low for low, _ in bounds), max(high for _, high in bounds)
 
 
@@ -277,13 +256,13 @@ class _Circle:
     """A haven on a leg of a great circle; seconds count from the start of the leg."""
 
     def __init__(self, plane: _Gnomonic, ends: Sequence[Point], seconds: float, bearing: float, havens: Any) -> None:
-        a, (east, north), end = _unit_vector(*ends[0]), _compass(*ends[0]), _unit_vector(*ends[1])
+        (a, east, north), (end, _, _) = (_axes(*place) for place in ends)
         chord = hypot(*(x - y for x, y in zip(a, end, strict=True)))
         self.plane, self.pace, self.start = plane, 2 * asin(min(chord / 2, 1.0)) / seconds, a
         b = self.heading = tuple(sin(bearing) * x + cos(bearing) * y for x, y in zip(east, north, strict=True))
         self.starboard = b[1] * a[2] - b[2] * a[1], b[2] * a[0] - b[0] * a[2], b[0] * a[1] - b[1] * a[0]
-        first, last = ([(x / MEAN_RADIUS_M, y / MEAN_RADIUS_M) for x, y in haven] for haven in havens)
-        self.haven, pairs = first, zip(first, last, strict=True)
+        self.haven, last = ([(x / MEAN_RADIUS_M, y / MEAN_RADIUS_M) for x, y in haven] for haven in havens)
+        pairs = zip(self.haven, last, strict=True)
         self.rates = [((c - a) / seconds, (d - b) / seconds) for (a, b), (c, d) in pairs]
         self.at = lru_cache(8)(self.at)  # type: ignore[method-assign]
 
@@ -293,8 +272,7 @@ class _Circle:
     def vectors(self, s: float) -> Iterator[Vector]:
         for right, ahead in self.steps(s):
             c, d, r = cos(right) * cos(self.pace * s + ahead), cos(right) * sin(self.pace * s + ahead), sin(right)
-            columns = zip(self.start, self.heading, self.starboard, strict=True)
-            yield tuple(c * a + d * b + r * z for a, b, z in columns)
+            yield tuple(c * a + d * b + r * z for a, b, z in zip(self.start, self.heading, self.starboard, strict=True))
 
     def at(self, s: float) -> list[Point]:
         return [self.plane.flat(v) for v in self.vectors(s)]
@@ -333,39 +311,31 @@ class _Piece:
         into = 0.0 if self.is_still else (zero - self.leg[0]) / 1e6
         return (0.0, 0.0) if self.is_still else self.body.bend(along, into + t, into + u)
 
-    def band(self, at: float) -> Sequence[float]:
+    def band(self, at: float) -> list[float]:
         """Return floor and ceiling at an instant."""
-        if all(a == b for a, b in self.heights):
-            return [a for a, _ in self.heights]
-        share = (at - self.leg[0]) / (self.leg[1] - self.leg[0])
-        return [a if a == b else a + (b - a) * share for a, b in self.heights]
+        into, lasts = at - self.leg[0], self.leg[1] - self.leg[0]
+        return [a if a == b else a + (b - a) * into / lasts for a, b in self.heights]
 
 
-# ---- Reading --------------------------------------------------------------------------------------------------------
-
-
-def read(lines: Iterable[str]) -> dict[str, list[Any]]:
+# ---- Reading ----
+def read(given: Iterable[str]) -> dict[str, list[Any]]:
     """Return the lines of each part; check the digests."""
-    found: dict[str, list[Any]] = {}
-    given, digests, end = iter(lines), list[Any](), None
-    first = json.loads(next(given, "0"))
+    lines = list(given)
+    first, last = (json.loads(one) for one in (*lines[:1], "0", *lines[-1:])[::2])
     if not isinstance(first, dict) or first.get("conflictdb_proof") != VERSION:
         raise Refused(f"this is not a proof of version {VERSION}")
-    for line in given:
-        if line.startswith('{"part"'):
-            part = json.loads(line)["part"]
-            found[part] = lines_of = []
-            digests.append(hashlib.sha256())
-        elif line.startswith('{"sha256"'):
-            end = json.loads(line)["sha256"]
-        else:
-            digests[-1].update(line.encode())
-            lines_of.append(line if part == "proofs" else json.loads(line))
-    if end is None or list(found) != PARTS or not line.startswith('{"sha256"'):
+    begins = [k for k, line in enumerate(lines) if line.startswith('{"part"')]
+    if [json.loads(lines[k])["part"] for k in begins] != PARTS or begins[0] != 1 or "sha256" not in last:
         raise Refused("the proof ends too early, or has other parts")
-    if end != {name: one.hexdigest() for name, one in zip(PARTS, digests, strict=True)}:
-        raise Refused("the digest of a part is another")
-    return found
+    found: dict[str, Any] = {}
+    for name, begin, end in zip(PARTS, begins, [*begins[1:], len(lines) - 1], strict=True):
+        found[name] = lines[begin + 1 : end]
+        if last["sha256"].get(name) != hashlib.sha256("".join(found[name]).encode()).hexdigest():
+            raise Refused("the digest of a part is another")
+    return {
+        name: own if name == "proofs" else [json.loads(line, parse_constant=int) for line in own]
+        for name, own in found.items()
+    }
 
 
 class _Scene:
@@ -373,14 +343,17 @@ class _Scene:
 
     def __init__(self, given: dict[str, list[Any]]) -> None:
         [settings] = given["settings"]
-        is_circle, is_sphere = settings["motion"] == "great_circle", settings["earth"] == "sphere"
+        is_circle = {"rhumb": False, "great_circle": True}[settings["motion"]]
+        is_sphere = {"wgs84": False, "sphere": True}[settings["earth"]]
         self.plane: Any = _Gnomonic(settings["centre"]) if is_circle else _Mercator(is_sphere)
-        self.is_closed, self.rules = settings["intervals"] == "closed", settings.get("rules", [])
-        names = "separation_m", "vertical_separation_m", "time_separation_s"
-        self.tolerance_m, self.plain = settings["tolerance_m"], tuple(settings[name] for name in names)
+        self.is_closed = {"half_open": False, "closed": True}[settings["intervals"]]
+        self.rules = settings.get("rules", [])
+        self.tolerance_m, self.plain = settings["tolerance_m"], tuple(settings[name] for name in SEPARATIONS)
         every = [self.plain, *(self.by_rule(rule) for rule in self.rules if not rule.get("allowed"))]
-        self.farthest_m, self.longest_s = max(one[0] for one in every), max(one[2] for one in every)
-        self.separation_of = lru_cache(None)(self.by_rules)
+        self.farthest_m, _, self.longest_s = map(max, zip(*every, strict=True))
+        numbers = [self.tolerance_m, *(x for one in every for x in one)]
+        if not all(0 <= x < inf for x in numbers) or self.farthest_m > FARTHEST * MEAN_RADIUS_M:
+            raise Refused("a separation or the tolerance is negative, too large or no number")
         self.features, self.pieces, self.keys = given["objects"], list[_Piece](), dict[str, int]()
         self.unproven, self.unchecked, self.about = set[int](), Counter[str](), list[Any]()
         more = {one["object"]: one for one in given["pieces"]}
@@ -392,69 +365,63 @@ class _Scene:
                 raise Refused(f"two objects have the key {feature['id']!r}")
             kind = "track" if feature["geometry"]["type"] == "LineString" else "area"
             self.about.append((kind, members.get("class"), members.get("owner")))
-            has_tolerances = kind == "track" and not TOLERANCES.isdisjoint(members)
-            if has_tolerances or extra.get("unproven"):
-                self.unchecked[f"objects, {'with tolerances' if has_tolerances else 'which were not cut'}"] += 1
+            if extra.get("unproven") or (kind == "track" and not TOLERANCES.isdisjoint(members)):
+                self.unchecked["objects with tolerances, or which were not cut"] += 1
                 self.unproven.add(k)
             else:
                 (self.add_track if kind == "track" else self.add_area)(k, feature, members, extra)
-            if "schedule" in members:
-                self.unchecked["schedules, but for the spans that they became"] += 1
+            self.unchecked["schedules, but for the spans that they became"] += "schedule" in members
         self.delays = [one for one in given["verdicts"] if "delay" in one]
         for late, one in enumerate(self.delays):
             self.add_delayed(late, one, more.get(len(self.features) + late, {}))
         for number, piece in enumerate(self.pieces):
-            piece.number = number
+            piece.number, piece.box = number, self.box(piece)
 
     def add_delayed(self, late: int, one: Any, extra: Any) -> None:
         """Add the pieces of an object that departs later, or earlier."""
-        k, first = self.keys[one["delay"]], len(self.pieces)
-        feature, by_us, error_us = self.features[k], one["least_us"], one["error_us"]
+        k, first, by_us, error_us = self.keys[one["delay"]], len(self.pieces), one["least_us"], one["error_us"]
         if not (isinstance(by_us, int) and by_us and isinstance(error_us, int) and error_us > 0):
             raise Refused(f"the least delay of {one['delay']!r} is none")
-        members, places = feature["properties"], feature["geometry"]["coordinates"]
+        members, places = self.features[k]["properties"], self.features[k]["geometry"]["coordinates"]
         if self.about[k][0] == "area" or k in self.unproven or "schedule" in members or places[0] == places[1]:
             self.unchecked["least delays of areas, of schedules, of objects that wait or are not checked"] += 1
             return
-        self.add_track(k, feature, members, {name: extra[name] for name in extra if name == "cuts"}, by_us)
+        self.add_track(k, self.features[k], members, {"cuts": extra.get("cuts", ())}, by_us)
         for piece in self.pieces[first:]:
             piece.late = late
 
     def by_rule(self, rule: Any) -> Vector:
-        names = "separation_m", "vertical_m", "time_s"
-        return tuple(x if rule.get(name) is None else rule[name] for x, name in zip(self.plain, names, strict=True))
+        pairs = zip(self.plain, SEPARATIONS.values(), strict=True)
+        return tuple(x if rule.get(name) is None else rule[name] for x, name in pairs)
 
     def separation(self, i: int, j: int) -> Vector | None:
         """Return required separations: on the earth, vertical, in time; None: the two are not compared."""
-        (*one, owner), (*other, other_owner) = self.about[i], self.about[j]
-        return None if owner is not None and owner == other_owner else self.separation_of(*one, *other)
-
-    def by_rules(self, kind: str, own: str | None, other_kind: str, other: str | None) -> Vector | None:
-        one, two = (None, kind, own), (None, other_kind, other)
-        able = []
+        (*own, owner), (*others, other_owner) = self.about[i], self.about[j]
+        if owner is not None and owner == other_owner:
+            return None
+        one, two, able = (None, *own), (None, *others), defaultdict[int, list[Any]](list)
         for rule in self.rules:
             a, b = rule.get("a_class"), rule.get("b_class")
             if (a in one and b in two) or (b in one and a in two):
-                able.append((sum({None: 0, "area": 1, "track": 1}.get(side, 3) for side in (a, b)), rule))
-        best = [rule for rank, rule in able if rank == max(rank for rank, _ in able)]
+                able[sum({None: 0, "area": 1, "track": 1}.get(side, 3) for side in (a, b))].append(rule)
         # Two rules of two areas both apply: the larger separations count. No others may be tied.
-        values = [self.by_rule(rule) for rule in best if not rule.get("allowed")]
-        return self.plain if not best else tuple(map(max, zip(*values, strict=True))) if values else None
+        values = [self.by_rule(rule) for rule in able[max(able)] if not rule.get("allowed")] if able else [self.plain]
+        return tuple(map(max, zip(*values, strict=True))) if values else None
 
     def add_area(self, k: int, feature: Any, members: Any, extra: Any) -> None:
-        shape = feature["geometry"]
-        polygons = shape["coordinates"] if shape["type"] == "MultiPolygon" else [shape["coordinates"]]
-        if any(ring[0] != ring[-1] for polygon in polygons for ring in polygon):
-            raise Refused(f"a ring of area {feature['id']!r} is not closed")
-        places = [tuple(place[:2]) for polygon in polygons for ring in polygon for place in ring[:-1]]
+        shape, parts, loops, places = feature["geometry"], extra.get("parts"), list[Any](), list[Any]()
+        for polygon in shape["coordinates"] if shape["type"] == "MultiPolygon" else [shape["coordinates"]]:
+            for i, ring in enumerate(polygon):
+                if ring[0] != ring[-1]:
+                    raise Refused(f"a ring of area {feature['id']!r} is not closed")
+                loops.append((i == 0, range(len(places), len(places) + len(ring) - 1)))
+                places += [tuple(place[:2]) for place in ring[:-1]]
         points = [self.plane.place(*place) for place in places]
-        parts = extra.get("parts")
         if parts is not None:
-            _check_parts(feature["id"], [[len(ring) - 1 for ring in one] for one in polygons], places, points, parts)
-        spans = extra.get("spans", members.get("spans", [[members.get("start"), members.get("end")]]))
+            _check_parts(feature["id"], loops, places, points, parts)
         band = [(x, x) for x in (_or(members.get("floor_m"), -inf), _or(members.get("ceiling_m"), inf))]
-        for start, end in spans:
-            span = _instant(start, -inf), _instant(end, inf)
+        for ends in extra.get("spans", members.get("spans", [[members.get("start"), members.get("end")]])):
+            span = _instant(ends[0], -inf), _instant(ends[1], inf)
             for part in parts or [range(len(points))]:
                 self.pieces.append(_Piece(k, [points[j] for j in part], span, self.is_closed, span, band))
 
@@ -471,9 +438,8 @@ class _Scene:
         havens, courses = _havens(members, [(t - at[0]) / 1e6 for t in at]), list(pairwise(places))
         names = ("floor_m", -inf), ("ceiling_m", inf)
         bands = list(zip(*(_heights(members.get(name), len(at), unbounded) for name, unbounded in names), strict=True))
-        bodies, lasts = [], at[-1] - at[0]
+        bodies, lasts, make = [], at[-1] - at[0], _Rhumb if isinstance(self.plane, _Mercator) else _Circle
         for i, bearing in enumerate(_headings(self.plane, courses)):
-            make: Any = _Rhumb if self.plane.turn else _Circle
             bodies.append(make(self.plane, courses[i], (at[i + 1] - at[i]) / 1e6, bearing, havens[i : i + 2]))
         cuts = sorted({*(t - at[0] for t in at), *(cut for cut in extra.get("cuts", ()) if 0 < cut < lasts)})
         for departure in extra.get("departures", members.get("departures", at[:1])):
@@ -515,14 +481,11 @@ def _instant(at: Any, unbounded: Any) -> Any:
 
 def _heights(given: Any, count: int, unbounded: float) -> list[Range]:
     """Return the heights at both ends of each leg."""
-    if not isinstance(given, list):
-        given = [given] * (count - 1)
-    each = [_or(one, unbounded) for one in given]
-    if len(each) == count:
-        return [(a, b) if isfinite(a + b) else (unbounded, unbounded) for a, b in pairwise(each)]
-    if len(each) != count - 1:
+    each = [_or(one, unbounded) for one in (given if isinstance(given, list) else [given] * (count - 1))]
+    if len(each) not in (count, count - 1):
         raise Refused("the heights of a track are neither one for each leg nor one for each place")
-    return [(one, one) for one in each]
+    legs = list(pairwise(each)) if len(each) == count else [(one, one) for one in each]
+    return [(a, b) if abs(a + b) < inf else (unbounded, unbounded) for a, b in legs]
 
 
 def _havens(members: Any, ages: Sequence[float]) -> list[list[Point]]:
@@ -537,8 +500,9 @@ def _havens(members: Any, ages: Sequence[float]) -> list[list[Point]]:
         if len(rings) != len(ages) or len({len(ring) for ring in rings}) != 1:
             raise Refused("outlines_m has not one ring for each place, of as many corners")
         return rings
-    grow = members.get("grow_mps", 0.0)
-    corners, rates = _mitred(rings[0]) if grow else (rings[0], [(0.0, 0.0)] * len(rings[0]))
+    corners, rates, grow = rings[0], [(0.0, 0.0)] * len(rings[0]), members.get("grow_mps", 0.0)
+    if grow:
+        corners, rates = _mitred(corners)
     moving = list(zip(corners, rates, strict=True))
     return [[(x + dx * grow * age, y + dy * grow * age) for (x, y), (dx, dy) in moving] for age in ages]
 
@@ -552,8 +516,7 @@ def _mitred(ring: list[Point]) -> tuple[list[Point], list[Point]]:
         rates = [(a * x + r * y, a * y - r * x) for a, r in ((-1, 1), (1, 1), (1, -1), (-1, -1))]
         return [ring[0], ring[-1], ring[-1], ring[0]], rates
     way, rates = -1.0 if _area(ring) < 0 else 1.0, []
-    for i, (x, y) in enumerate(ring):
-        (x0, y0), (x1, y1) = ring[i - 1], ring[(i + 1) % len(ring)]
+    for (x0, y0), (x, y), (x1, y1) in zip([ring[-1], *ring], ring, [*ring[1:], ring[0]], strict=False):
         a, b = _unit((x - x0, y - y0)), _unit((x1 - x, y1 - y))
         scale = way / (1 + a[0] * b[0] + a[1] * b[1])
         rates.append(((a[1] + b[1]) * scale, -(a[0] + b[0]) * scale))
@@ -562,122 +525,101 @@ def _mitred(ring: list[Point]) -> tuple[list[Point], list[Point]]:
 
 def _headings(plane: Any, legs: Sequence[Any]) -> Iterator[float]:
     """Yield the bearing of each leg; one that stands still has that of the leg before, else of the next, else 0."""
-    courses = [_courses(plane, leg) for leg in legs]
+    ends = [tuple(radians(x) for place in leg for x in place) for leg in legs]
+    courses: list[Any] = [plane.courses(*one) if one[:2] != one[2:] else None for one in ends]
     first = next((k for k, one in enumerate(courses) if one), None)
     for k, one in enumerate(courses):
         before = next((i for i in range(k - 1, -1, -1) if courses[i]), first)
         if one or before is None:
             yield one[0] if one else 0.0
         else:
-            known, place = (courses[before] or (0.0, 0.0))[before < k], legs[before][before < k]
-            (lon, lat), _ = legs[k]
+            known, (lon, lat) = courses[before][before < k], ends[k][:2]
             # Only at a pole a place has several meridians, and headings.
-            yield known + (radians(lon - place[0]) * (1 if lat > 0 else -1) if lat else 0.0)
+            yield known + ((lon - ends[before][2 * (before < k)]) * (1 if lat > 0 else -1) if lat else 0.0)
+
+
+def _sides(ring: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+    return zip(ring, [*ring[1:], ring[0]], strict=True)
 
 
 def _area(ring: Sequence[Point]) -> float:
-    (x0, y0), after = ring[0], [*ring[1:], ring[0]]
-    return 0.5 * sum((a - x0) * (d - y0) - (c - x0) * (b - y0) for (a, b), (c, d) in zip(ring, after, strict=True))
+    x0, y0 = ring[0]
+    return 0.5 * sum((a - x0) * (d - y0) - (c - x0) * (b - y0) for (a, b), (c, d) in _sides(ring))
 
 
-def _check_parts(key: str, rings: Any, places: Any, points: list[Point], parts: list[list[int]]) -> None:
+def _length(ring: Sequence[Point]) -> float:
+    return sum(hypot(c - a, d - b) for (a, b), (c, d) in _sides(ring))
+
+
+def _check_parts(key: str, loops: Any, places: Any, points: list[Point], parts: list[list[int]]) -> None:
     """Refuse parts that do not cover an area: their sides must cancel out, but for those of the area."""
-    left, at = Counter[Any](), 0
-
-    def add(corners: Sequence[int], by: int) -> None:
-        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
-            one, other = places[a], places[b]
-            left[min(one, other), max(one, other)] += by if one < other else -by if one > other else 0
-
-    for i, count in ((i, count) for polygon in rings for i, count in enumerate(polygon)):
-        is_left = _area(points[at : at + count]) > 0
-        add(range(at, at + count), 1 if is_left == (i == 0) else -1)
-        at += count
+    left = Counter[Any]()
     for part in parts:
         if not (len(part) > 2 and 0 <= min(part) <= max(part) < len(places) and _area([points[j] for j in part]) > 0):
             raise Refused(f"a part of area {key!r} is no ring of its corners, counter-clockwise")
-        add(part, -1)
+    for is_shell, loop in [*((None, part) for part in parts), *loops]:
+        is_left = _area([points[j] for j in loop]) > 0
+        for one, other in _sides([places[j] for j in loop]):
+            by = (one < other) - (one > other)
+            left[min(one, other), max(one, other)] += by if is_left == is_shell else -by
     if any(left.values()):
         raise Refused(f"the parts of area {key!r} do not cover it")
 
 
-# ---- Which pairs need a proof ---------------------------------------------------------------------------------------
-
-
+# ---- Which pairs need a proof ----
 def _meeting(scene: _Scene) -> Iterator[tuple[_Piece, _Piece, int]]:
     """Yield pairs of pieces of different objects whose boxes meet in place and time, and by how many turns."""
     turn, within = scene.plane.turn, round(1e6 * scene.longest_s)
-    grids: Any = defaultdict(lambda: defaultdict(list))
     for p in scene.pieces:
         size = max(p.box[2] - p.box[0], p.box[3] - p.box[1], 1.0)
-        p.level = max(0, min(20, floor(log2((turn or 8e7) / size))))
-        for cell in _cells(p, p.level, turn):
-            grids[p.level][cell].append(p)
-    known = {}
-    for level, grid in grids.items():
-        for cell, inside in grid.items():
-            inside.sort(key=lambda one: one.start)
-            known[level, cell] = [one.start for one in inside], max(one.end - one.start for one in inside)
-    for p in scene.pieces:
-        seen = set()
-        for key in [(level, cell) for level in grids if level <= p.level for cell in _cells(p, level, turn)]:
-            starts, longest = known.get(key, ([], 0))
-            low = 0 if longest == inf or p.start == -inf else bisect_left(starts, p.start - longest - within)
-            for q in grids[key[0]][key[1]][low : bisect_right(starts, p.end + within)] if starts else ():
-                is_first = q.level < p.level or q.number > p.number
-                if is_first and q.of != p.of and q.number not in seen and q.end + within >= p.start:
-                    seen.add(q.number)
-                    one, other = (p, q) if p.number < q.number else (q, p)
-                    yield from ((one, other, turns) for turns in _turns(one.box, other.box, turn))
+        p.level = max(0, min(20, int(turn / size).bit_length() - 1))
+    # Pieces that began before, in cells about as large as themselves, and in larger cells.
+    own, small, levels = defaultdict[Any, Any](list), defaultdict[Any, Any](list), {p.level for p in scene.pieces}
+    for p in sorted(scene.pieces, key=lambda one: one.start):
+        met: dict[int, _Piece] = {}
+        for level in (level for level in levels if level <= p.level):
+            west, south, east, north = (floor(one * 2**level / turn) for one in p.box)
+            columns = {column % 2**level for column in range(west, min(east, west + 2**level - 1) + 1)}
+            for key in ((level, column, row) for column in columns for row in range(south, north + 1)):
+                for cells in (own, small) if level == p.level else (own,):
+                    cells[key] = [q for q in cells[key] if q.end + within >= p.start]
+                    met.update((q.number, q) for q in cells[key] if q.of != p.of)
+                (own if level == p.level else small)[key].append(p)
+        for q in met.values():
+            one, other = (p, q) if p.number < q.number else (q, p)
+            (west, south, east, north), (west_to, south_to, east_to, north_to) = one.box, other.box
+            if south <= north_to and south_to <= north:
+                # The second box is moved by so many turns of longitude.
+                for turns in range(-floor((east_to - west) / turn), floor((east - west_to) / turn) + 1):
+                    yield one, other, turns
 
 
-def _cells(piece: _Piece, level: int, turn: float) -> list[tuple[int, int]]:
-    west, south, east, north = (floor(one * 2**level / (turn or 8e7)) for one in piece.box)
-    wide = range(west, min(east, west + 2**level - 1) + 1)
-    columns = {column % 2**level for column in wide} if turn else range(west, east + 1)
-    return [(column, row) for column in columns for row in range(south, north + 1)]
+def _together(p: _Piece, q: _Piece, vertical_m: float, is_closed: bool) -> Any:
+    """Return the time that two pieces share; None: none, or their heights do not overlap then.
 
-
-def _turns(one: Any, other: Any, turn: float) -> Iterable[int]:
-    """Return by how many turns of longitude the second box is moved to meet the first."""
-    if one[1] > other[3] or other[1] > one[3]:
-        return ()
-    if not turn:
-        return (0,) if one[0] <= other[2] and other[0] <= one[2] else ()
-    return range(ceil((one[0] - other[2]) / turn), floor((one[2] - other[0]) / turn) + 1)
-
-
-def _shared(p: _Piece, q: _Piece) -> tuple[int, int, bool] | None:
-    """Return start and end of the time that two pieces share, and whether the end belongs to both."""
+    Its start and end, whether the end belongs to both; from when seconds count, the last; when heights overlap.
+    """
     start, end = max(p.start, q.start), min(p.end, q.end)
-    is_closed = (p.end > end or p.is_closed) and (q.end > end or q.is_closed)
-    return None if start > end or (start == end and not is_closed) else (start, end, is_closed)
-
-
-def _overlap(p: _Piece, q: _Piece, vertical_m: float, is_closed: bool, ends: Range, lasts: float) -> Range | None:
-    """Return when the heights of two pieces overlap, seconds; None: never."""
+    has_end = (p.end > end or p.is_closed) and (q.end > end or q.is_closed)
+    if start > end or (start == end and not has_end):
+        return None
+    zero, lasts = (0, 0.0) if p.is_still and q.is_still else (start, (end - start) / 1e6)
     low, high = 0.0, lasts
     for one, other in ((p, q), (q, p)):
-        first, last = (one.band(at)[0] - other.band(at)[1] - vertical_m for at in ends)
+        first, last = (one.band(at)[0] - other.band(at)[1] - vertical_m for at in (start, end))
         first, last = (x - SAME_HEIGHT_M if is_closed else x + SAME_HEIGHT_M for x in (first, last))
-        if first >= 0 and last >= 0:
-            return None
         if first >= 0:
-            low = max(low, lasts * first / (first - last))
+            low = inf if last >= 0 else max(low, lasts * first / (first - last))
         elif last >= 0:
             high = min(high, lasts * first / (first - last))
-    return (low, high) if low <= high else None
+    return (start, end, has_end, zero, lasts, (low, high)) if low <= high else None
 
 
-# ---- Checking -------------------------------------------------------------------------------------------------------
-
-
-def _is_apart(
-    plane: Any, p: _Piece, q: _Piece, turns: int, zero: int, step: Range, angle: float, apart_m: float
-) -> bool:
+# ---- Checking ----
+def _is_apart(plane: Any, p: _Piece, q: _Piece, turns: int, zero: int, step: Any, angle: float, apart_m: float) -> bool:
     """Return whether a direction proves two pieces apart during a time."""
     along, (t, u), gap, every = (cos(angle), sin(angle)), step, inf, []
-    for s in (t, u):
+    for s in step:
         between = turns * plane.turn * along[0]
         for points, sign in ((p.at(zero, s), 1.0), (q.at(zero, s), -1.0)):
             every += points
@@ -696,14 +638,22 @@ def _is_apart(
     return bool(gap > bend * h * h / 8 + ROUNDING_M * scale)
 
 
+def _is_left(t: float, end: float, is_instant: bool, periods: list[Range]) -> bool:
+    """Return whether a time is not all in periods, which are in order."""
+    for a, b in periods:
+        if a <= t <= b:
+            t, is_instant = b, is_instant and b < end
+    return t < end or (t == end and is_instant)
+
+
 def _hull(points: Iterable[Point]) -> list[Point]:
     rest, chains = sorted(set(points)), list[Point]()
     for order in (rest, rest[::-1]) if len(rest) > 2 else ():
         chain: list[Point] = []
-        for x, y in order:
-            while len(chain) > 1 and _area([*chain[-2:], (x, y)]) <= 0:
+        for point in order:
+            while len(chain) > 1 and _area([*chain[-2:], point]) <= 0:
                 chain.pop()
-            chain.append((x, y))
+            chain.append(point)
         chains += chain[:-1]
     return chains or rest
 
@@ -711,7 +661,7 @@ def _hull(points: Iterable[Point]) -> list[Point]:
 def _outside(ring: Sequence[Point], point: Point) -> float:
     """Return how far a point lies outside of a convex ring, 0 inside."""
     far, is_in = inf, len(ring) > 2
-    for a, b in zip(ring, [*ring[1:], ring[0]], strict=True):
+    for a, b in _sides(ring):
         x, y, u, v = b[0] - a[0], b[1] - a[1], point[0] - a[0], point[1] - a[1]
         is_in, square = is_in and x * v - y * u >= 0, x * x + y * y
         share = min(max((x * u + y * v) / square, 0.0), 1.0) if square else 0.0
@@ -723,10 +673,9 @@ def _depth(a: Sequence[Point], b: Sequence[Point]) -> float:
     """Return how far two convex rings must be moved against each other so that they do not overlap."""
     least = inf
     for mine, other in ((a, b), (b, a)):
-        for (x0, y0), (x1, y1) in zip(mine, [*mine[1:], mine[0]], strict=True):
+        for (x0, y0), (x1, y1) in _sides(mine) if len(mine) > 1 else ():
             x, y = _unit((y1 - y0, x0 - x1))
-            if (x0, y0) != (x1, y1):
-                least = min(least, max(x * u + y * v for u, v in mine) - min(x * u + y * v for u, v in other))
+            least = min(least, max(x * u + y * v for u, v in mine) - min(x * u + y * v for u, v in other))
     return least if least < inf else 0.0
 
 
@@ -743,69 +692,59 @@ class Checker:
         for one in (one for one in given["verdicts"] if "delay" not in one):
             pair, verdict = tuple(sorted((scene.keys[one["a"]], scene.keys[one["b"]]))), one["verdict"]
             periods = [(_instant(a, -inf), _instant(b, inf)) for a, b in one["periods"]]
-            is_known = verdict in ("conflict", "grazing", "unresolved") and pair not in self.reported
+            is_known = (
+                pair[0] != pair[1] and verdict in ("conflict", "grazing", "unresolved") and pair not in self.reported
+            )
             if not is_known or not periods or any(a > b for a, b in periods) or not one["time_error_s"] >= 0:
                 raise Refused(f"the verdict on {one['a']!r} and {one['b']!r} is none, or given twice")
             self.reported[pair] = verdict, periods, one["time_error_s"]
         self.steps: dict[tuple[int, ...], str] = {}
-        self.contacts: dict[Any, list[Any]] = defaultdict(list)
-        self.late: dict[int, list[Any]] = defaultdict(list)
+        self.contacts = defaultdict[Any, list[Any]](list)
         for line in given["proofs"]:
             if line.startswith('["'):
                 kind, p, q, turns, *rest = json.loads(line)
-                if not isinstance(turns, int):
-                    raise Refused(f"{turns} is no whole number of turns")
                 one, other = scene.pieces[p], scene.pieces[q]
-                if kind == "late":
-                    self.late[max(one.late, other.late)].append((one, other, turns, *rest))
-                    continue
-                if max(one.late, other.late) >= 0:
-                    raise Refused("a delayed object shows no conflict")
-                self.contacts[tuple(sorted((one.of, other.of)))].append((kind == "deep", one, other, turns, *rest))
+                late, pair = max(one.late, other.late), tuple(sorted((one.of, other.of)))
+                if not isinstance(turns, int) or (late >= 0) != (kind == "late"):
+                    raise Refused(f"{turns} is no whole number of turns, or a delayed object shows a conflict")
+                self.contacts[late if kind == "late" else pair].append((kind == "deep", one, other, turns, *rest))
             else:
                 self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
 
     def run(self) -> None:
         """Check that every pair is apart except during its reported conflicts, and that these are true."""
-        for piece in self.scene.pieces:
-            piece.box = self.scene.box(piece)
+        self.unproven += [f"{' and '.join(map(repr, keys))}: {why}" for keys, why in self.lacks() if why]
+
+    def lacks(self) -> Iterator[tuple[list[str], str]]:
+        """Yield keys of objects, and what they lack; empty: nothing."""
+        keys = [feature["id"] for feature in self.scene.features]
         for p, q, turns in _meeting(self.scene):
             pair = tuple(sorted((p.of, q.of)))
             if min(p.late, q.late) < 0:
-                self.fail(pair, self.lacks_pair(pair, p, q, turns))
+                yield [keys[k] for k in pair], self.lacks_pair(pair, p, q, turns)
         for late, one in enumerate(self.scene.delays):
             if any(piece.late == late for piece in self.scene.pieces):
-                why = self.lacks_delay(late, one["least_us"], one["error_us"])
-                self.unproven += [f"{one['delay']!r}: {why}"] if why else []
+                yield [one["delay"]], self.lacks_delay(late, one["least_us"], one["error_us"])
         for pair, (verdict, periods, error_s) in self.reported.items():
             if self.scene.unproven.intersection(pair):
                 self.unchecked["verdicts on objects that are not checked"] += 1
             elif verdict != "conflict":
                 self.unchecked[f"verdicts: {verdict}"] += 1
             else:
-                self.fail(pair, self.lacks_conflict(pair, periods, error_s))
-
-    def fail(self, pair: Any, why: str) -> None:
-        """Note what a pair lacks, unless it is nothing."""
-        if why:
-            one, other = (self.scene.features[k]["id"] for k in pair)
-            self.unproven.append(f"{one!r} and {other!r}: {why}")
+                yield [keys[k] for k in pair], self.lacks_conflict(pair, periods, error_s)
 
     def lacks_pair(self, pair: Any, p: _Piece, q: _Piece, turns: int) -> str:
         """Return what two pieces whose boxes meet lack to be apart while nothing is reported; empty: nothing."""
-        scene, separation, both = self.scene, self.scene.separation(*pair), _shared(p, q)
+        scene, separation, is_still = self.scene, self.scene.separation(*pair), p.is_still and q.is_still
         if separation is None or separation[2]:
             name = "of one owner, or allowed by a rule" if separation is None else "with a separation in time"
             (self.unchecked if separation else self.counts)[f"pairs of pieces {name}"] += 1
-        if separation is None or separation[2] or both is None:
             return ""
-        (apart_m, vertical_m, _), (start, end, is_closed) = separation, both
-        is_still = p.is_still and q.is_still
-        zero, lasts = (0, 0.0) if is_still else (start, (end - start) / 1e6)
-        band = _overlap(p, q, vertical_m, scene.is_closed, (start, end), lasts)
-        if band is None:
-            self.counts["pairs of pieces at other heights"] += 1
+        apart_m, together = separation[0], _together(p, q, separation[1], scene.is_closed)
+        if together is None:
+            self.counts["pairs of pieces at other times or heights"] += 1
             return ""
+        start, end, has_end, zero, lasts, band = together
         sharp_s, periods = SHARP_APART_S if apart_m else SHARP_S, []
         for a, b in self.reported.get(pair, ("", [], 0.0))[1] if max(p.late, q.late) < 0 else ():
             if not is_still:
@@ -813,25 +752,21 @@ class Checker:
             elif a <= start and b >= end:
                 periods.append((0.0, 0.0))
         # Contact at an end that does not belong to both is none, and no proof reaches it.
-        last, is_open = inf if is_closed or is_still else lasts - sharp_s, False
-        needed = _without(band, periods)
-        line = self.steps.get((p.number, q.number, turns))
-        steps: Any = json.loads(line)[3:] if line else [None]
-        t = 0.0
-        for k in range(0, len(steps), 2):
-            u = steps[k + 1] if k + 1 < len(steps) else lasts
-            is_needed = any(max(a, t) < min(b, u) or (a == b and t <= a <= u) for a, b in needed)
-            angle = _or(steps[k], inf)
-            is_sound = t <= u <= lasts and (not is_needed or isfinite(angle))
-            if is_needed and t >= last and t <= u <= lasts and not isfinite(angle):
+        last, is_open = inf if has_end or is_still else lasts - sharp_s, False
+        line = self.steps.get((p.number, q.number, turns), "[0,0,0,null]")
+        steps, t, is_apart = [*json.loads(line)[3:], lasts], 0.0, False
+        for angle, u in zip(steps[::2], steps[1::2], strict=True):
+            is_needed = _is_left(max(t, band[0]), min(u, band[1]), band[0] == band[1], sorted(periods))
+            is_sound = t <= u <= lasts and (not is_needed or (angle is not None and abs(angle) < inf))
+            if is_needed and angle is None and last <= t <= u <= lasts:
                 is_open = True
             elif not is_sound or (is_needed and not _is_apart(scene.plane, p, q, turns, zero, (t, u), angle, apart_m)):
                 at = "" if is_still else f" from {EPOCH + timedelta(microseconds=zero + 1e6 * t)} on"
                 return f"pieces {p.number} and {q.number} are not proven apart{at}"
             self.counts["steps"] += is_needed
-            t = u
+            t, is_apart = u, is_apart or is_needed
         self.unchecked[f"pairs of pieces, for the last {sharp_s:g} s of a plan"] += is_open
-        self.counts["pairs of pieces " + ("proven apart" if needed else "in a period that is reported")] += 1
+        self.counts["pairs of pieces " + ("proven apart" if is_apart else "in a period that is reported")] += 1
         return ""
 
     def lacks_conflict(self, pair: Any, periods: list[Range], error_s: float) -> str:
@@ -861,32 +796,31 @@ class Checker:
 
     def lacks_delay(self, late: int, by_us: int, error_us: int) -> str:
         """Return what a least delay lacks: contact with a delay that is smaller by the error; empty: nothing."""
-        for p, q, turns, s, *points in self.late[late]:
+        for _, p, q, turns, s, *points in self.contacts[late]:
             one, other = (a.later(-error_us if by_us > 0 else error_us) if a.late >= 0 else a for a in (p, q))
             separation = self.scene.separation(p.of, q.of) if p.of != q.of and min(p.late, q.late) < 0 else None
-            if separation is None or separation[2]:
-                continue
-            near = (separation[0] + self.scene.tolerance_m, *separation[1:])
-            if self.contact(near, False, one, other, turns, s, points):
-                self.counts["least delays proven"] += 1
-                return ""
+            if separation is not None and not separation[2]:
+                near = (separation[0] + self.scene.tolerance_m, *separation[1:])
+                if self.contact(near, False, one, other, turns, s, points):
+                    self.counts["least delays proven"] += 1
+                    return ""
         return f"no contact is proven {error_us} microseconds before a delay of {by_us}"
 
     def contact(self, apart: Vector, is_deep: bool, p: _Piece, q: _Piece, turns: int, s: float, points: Any) -> Any:
         """Return the first and the last instant of a contact, the same unless both stand still; None: it is none."""
-        scene, plane, both, is_still = self.scene, self.scene.plane, _shared(p, q), p.is_still and q.is_still
-        if both is None:
+        scene, plane, together = self.scene, self.scene.plane, _together(p, q, apart[1], self.scene.is_closed)
+        if together is None:
             return None
-        zero, lasts = (0, 0.0) if is_still else (both[0], (both[1] - both[0]) / 1e6)
-        at = both[:2] if is_still else (zero + 1e6 * s,) * 2
-        is_level = all(a.band(at[0])[0] - b.band(at[0])[1] - apart[1] <= 1e-6 for a, b in ((p, q), (q, p)))
-        if not 0 <= s <= lasts + 1e-6 or not is_level:
+        start, end, _, zero, lasts, band = together
+        at = (start, end) if p.is_still and q.is_still else (zero + 1e6 * s,) * 2
+        if not (0 <= s <= lasts + 1e-6 and band[0] - 1e-6 <= s <= band[1] + 1e-6):
             return None
         a, b = p.at(zero, s), [(x + turns * plane.turn, y) for x, y in q.at(zero, s)]
         scale, rings = plane.scale([*a, *b]), (_hull(a), _hull(b))
         for piece, ring, own in zip((p, q), rings, (a, b), strict=True):
             # A part that is not convex holds less than its hull.
-            if piece.is_still and len(ring) > 2 and _area(ring) > abs(_area(own)) * (1 + 1e-9) + ROUNDING_M:
+            is_convex = _area(ring) <= abs(_area(own)) * (1 + 1e-9) + ROUNDING_M
+            if piece.is_still and not (is_convex and _length(own) <= _length(ring) * (1 + 1e-9) + ROUNDING_M):
                 return None
         if is_deep and not points:
             return at if _depth(*rings) > max(scene.tolerance_m - apart[0], 0.0) * scale else None
@@ -900,35 +834,20 @@ class Checker:
         return at if plane.distance(*near) <= wanted_m else None
 
 
-def _without(band: Range, periods: list[Range]) -> list[Range]:
-    """Return what remains of a time without some periods."""
-    rest, (t, end) = [], band
-    if t == end:
-        return [] if any(a <= t <= b for a, b in periods) else [band]
-    for a, b in [*sorted(periods), (inf, inf)]:
-        if min(a, end) > t:
-            rest.append((t, min(a, end)))
-        t = max(t, b)
-    return rest
-
-
 def main(arguments: list[str]) -> int:
     """Check the proof of the command line."""
     out = sys.stdout.write
     try:
         with sys.stdin if arguments[0] == "-" else Path(arguments[0]).open(encoding="utf-8", newline="\n") as lines:
-            given = read(lines)
-        checker = Checker(given)
+            checker = Checker(read(lines))
         checker.run()
-    except Refused as error:
-        out(f"refused: {error}\n")
+    except (Refused, ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
+        why = "" if isinstance(error, Refused) else f"the proof is damaged, {type(error).__name__}: "
+        out(f"refused: {why}{error}\n")
         return 1
-    except (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
-        out(f"refused: the proof is damaged ({type(error).__name__}: {error})\n")
-        return 1
-    out(f"{len(given['objects']):12,} objects\n{len(checker.scene.pieces):12,} pieces\n")
-    out("".join(f"{count:12,} {name}\n" for name, count in sorted(checker.counts.items())))
     checker.unchecked = +checker.unchecked
+    out(f"{len(checker.scene.features):12,} objects\n{len(checker.scene.pieces):12,} pieces\n")
+    out("".join(f"{count:12,} {name}\n" for name, count in sorted(checker.counts.items())))
     out("".join(f"not checked: {count:,} {name}\n" for name, count in sorted(checker.unchecked.items())))
     out("".join(f"without proof: {why}\n" for why in checker.unproven[:20]))
     if checker.unproven:

@@ -2,8 +2,10 @@
 
 import ast
 import contextlib
+import hashlib
 import io
 import json
+import math
 import subprocess
 import sys
 import warnings
@@ -147,6 +149,78 @@ def test_a_part_of_a_turn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(check_proof.Refused, match="no whole number of turns"):
         check_proof.Checker(invented)
     assert forged.outcome(invented) == "refused"
+
+
+@pytest.mark.parametrize("steps", ["", ",null,0.0", ",3.14,1.0", ",null,9.0,null,10.0"])
+def test_steps_that_end_too_early_are_refused(tmp_path: Path, steps: str) -> None:
+    """The last direction must last to the end of the shared time."""
+    parts = proof_of(tmp_path, Area("closed", shapely.box(5.2, 55.9, 5.3, 56.1)), SHIP)
+    pieces = check_proof.Checker(parts).scene.pieces
+    lines = [f"[{p.number},{q.number},0{steps}]\n" for p in pieces for q in pieces]
+    hidden = {**parts, "verdicts": [], "proofs": lines}
+    assert forged.outcome(hidden) == "refused"
+
+
+def invented(a: str, b: str, *proofs: str, period: object = (None, None)) -> forged.Parts:
+    """Return a conflict of two objects, with some proofs."""
+    verdict = {"a": a, "b": b, "verdict": "conflict", "periods": [period], "time_error_s": 0.0}
+    return {"verdicts": [verdict], "proofs": [f"{one}\n" for one in proofs]}
+
+
+def test_a_conflict_of_an_object_with_itself_is_refused(tmp_path: Path) -> None:
+    parts = proof_of(tmp_path, SHIP)
+    proofs = '["contact", 0, 0, 0, 0.0, 5.0, 56.0]', '["deep", 0, 0, 0, 0.0]'
+    assert forged.outcome({**parts, **invented("ship", "ship", *proofs, period=(0, 0))}) == "refused"
+
+
+@pytest.mark.parametrize(("floor_m", "said"), [(100.0, "refused"), (99.0, "accepted")])
+def test_a_conflict_of_heights_that_only_touch_is_refused(tmp_path: Path, floor_m: float, said: str) -> None:
+    """Bands are half-open, as spans are."""
+    shape = shapely.box(5.2, 55.9, 5.3, 56.1)
+    low = Area("low", shape, floor_m=0.0, ceiling_m=100.0)
+    parts = proof_of(tmp_path, low, Area("high", shape, floor_m=floor_m, ceiling_m=200.0))
+    proofs = '["contact", 0, 1, 0, 0.0, 5.27, 56.0]', '["deep", 0, 1, 0, 0.0]'
+    assert forged.outcome({**parts, **invented("low", "high", *proofs)}) == said
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_a_conflict_in_a_hole_is_refused(tmp_path: Path, is_turned: bool) -> None:
+    """Without parts an area is its hull, which shows that it is apart, but no contact."""
+    hole = [(5.1, 55.95), (5.4, 55.95), (5.4, 56.05), (5.1, 56.05)]
+    shape = shapely.Polygon([(5.0, 55.9), (5.5, 55.9), (5.5, 56.1), (5.0, 56.1)], [hole])
+    parts = proof_of(tmp_path, Area("holed", shape), Area("inside", shapely.box(5.2, 55.98, 5.3, 56.02)))
+    assert not parts["verdicts"]
+    if is_turned:
+        parts["objects"][0]["geometry"]["coordinates"][1].reverse()
+    proofs = '["contact", 0, 1, 0, 0.0, 5.25, 56.0]', '["deep", 0, 1, 0, 0.0]'
+    assert forged.outcome({**parts, "pieces": [], **invented("holed", "inside", *proofs)}) == "refused"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({name: value} for name in ("earth", "motion", "intervals") for value in ("flat", None)),
+        *({name: value} for name in ("tolerance_m", "separation_m") for value in (math.nan, -1.0, math.inf)),
+        {"rules": [{"separation_m": math.nan}]},
+        {"rules": [{"time_s": -1.0}]},
+    ],
+    ids=str,
+)
+def test_settings_that_no_scene_has_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
+    parts = proof_of(tmp_path, SHIP)
+    assert forged.outcome(parts) == "accepted"
+    assert forged.outcome({**parts, "settings": [parts["settings"][0] | change]}) == "refused"
+
+
+def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
+    """JSON of others may have NaN."""
+    proof_of(tmp_path, SHIP)
+    lines = (tmp_path / "proof").read_text().replace("56.0", "NaN", 1).splitlines(keepends=True)
+    k = next(k for k, line in enumerate(lines) if '"part": "pieces"' in line)
+    last = json.loads(lines[-1])
+    last["sha256"]["objects"] = hashlib.sha256(lines[k - 1].encode()).hexdigest()
+    with pytest.raises(ValueError, match="NaN"):
+        check_proof.read([*lines[:-1], f"{json.dumps(last)}\n"])
 
 
 def test_a_touch_as_a_plan_ends_is_named(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """docs/reference/proof.md has the formulas of `check_proof.py`: both say the same of the steps of 1,000 pairs."""
 
+import math
 import random
 from pathlib import Path
 from typing import Any
@@ -59,11 +60,11 @@ def test_both_say_the_same_of_steps(
             plane = proof_formulas.Mercator(*((proof_formulas.R, 0.0) if is_sphere else (6378137.0, 1 / 298.257223563)))
         for (p, q, turns), line in checker.steps.items():
             one, other = checker.scene.pieces[p], checker.scene.pieces[q]
-            both = check_proof._shared(one, other)
+            both = check_proof._together(one, other, math.inf, False)
             values = check_proof.json.loads(line)[3:]
             if both is None or values[0] is None or (one.is_still and other.is_still):
                 continue
-            zero, lasts = both[0], (both[1] - both[0]) / 1e6
+            *_, zero, lasts, _ = both
             step = 0.0, values[1] if len(values) > 1 else lasts
             given = [np.array(piece.body) if piece.is_still else leg_of(piece.body) for piece in (one, other)]
             into = tuple(0.0 if piece.is_still else (zero - piece.leg[0]) / 1e6 for piece in (one, other))
