@@ -101,8 +101,9 @@ COMMENT ON FUNCTION wait_for_delays(bigint, interval) IS
 'waypoint until it departs. has_departed: whether it did before p_now. earliest_s, latest_s: the possible delays. '
 'departs_at: the planned departure. margin_s, margin_m: of the request; departures that come nearer are forbidden, '
 'too. slots: the free windows asked for, best first, a list of {"from_s", "to_s", "from_at", "to_at"}. closed: what '
-'closes the other departures, a list of these with "by", and for an area alone "ends_at" or "starts_at": they are '
-'free if it ends, or starts, then. Errors and lifetime are those of wait_for_probe.';
+'closes the other departures, a list of these with "by" and "opened_by": they are free if each of these areas ends '
+'at its "ends_at", or starts at its "starts_at"; empty if that is not enough. Errors and lifetime are those of '
+'wait_for_probe.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._first_stop(
     p_path geometry, p_departures timestamptz[], OUT starts_us bigint, OUT leaves_us bigint

@@ -18,7 +18,7 @@ from conflictdb.model.clock import Clock, rounded_delay_us, rounded_window
 from conflictdb.model.departure_text import duration_text
 from conflictdb.model.inputs import MICROSECOND
 from conflictdb.model.margin import Margin
-from conflictdb.model.results import Delays, Forbidden, Speeds
+from conflictdb.model.results import Delays, Forbidden, Opening, Speeds
 
 if TYPE_CHECKING:
     from conflictdb.memory.area_places import FreePlace
@@ -166,12 +166,22 @@ def slots_text(one: Delays, names: Mapping[str, str], clock: Clock, margin: Marg
         # Rounded outward: every departure outside of it is another row's.
         ends = clock.rounded(gap.from_at, up=False), clock.rounded(gap.to_at, up=True)
         text = f"closed  {_window(*ends, clock, planned_at)}, by {labels(names, gap.by)}"
-        if gap.ends_at is not None:
-            text += f"; free if it ends at {clock.text(clock.rounded(gap.ends_at, up=False), planned_at)}"
-        elif gap.starts_at is not None:
-            text += f"; free if it starts at {clock.text(clock.rounded(gap.starts_at, up=True), planned_at)}"
+        if gap.opened_by:
+            is_one = len(gap.opened_by) == 1
+            changes = (
+                _opening(one, "it" if is_one else labels(names, [one.key]), clock, planned_at) for one in gap.opened_by
+            )
+            text += f"; free if {' and '.join(changes)}"
         lines.append(text)
     return "\n".join(lines)
+
+
+def _opening(one: Opening, who: str, clock: Clock, beside: datetime | None) -> str:
+    """Return when an area ends, or starts: rounded so that it is there for less time."""
+    if one.ends_at is not None:
+        return f"{who} ends at {clock.text(clock.rounded(one.ends_at, up=False), beside)}"
+    assert one.starts_at is not None  # noqa: S101
+    return f"{who} starts at {clock.text(clock.rounded(one.starts_at, up=True), beside)}"
 
 
 def _window(low: datetime, high: datetime, clock: Clock, beside: datetime | None) -> str:

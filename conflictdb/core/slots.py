@@ -12,7 +12,7 @@ from conflictdb.core.to_results import moment_of
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area
 from conflictdb.model.recurring_plans import spans_of
-from conflictdb.model.results import Closed, Delays, Slot
+from conflictdb.model.results import Closed, Delays, Opening, Slot
 
 _Ints = NDArray[np.int64]
 
@@ -45,11 +45,12 @@ def closed_of(
     """
     departs_at, rows = _departure(delays), []
     for low, high, by in _stretches(found, least, most):
-        only = areas.get(by[0]) if len(by) == 1 else None
-        ends_us, starts_us = (None, None) if only is None else _changes(only, found, by[0], low, high)
-        ends_at, starts_at = (None if at is None else moment_of(at) for at in (ends_us, starts_us))
+        openings = [_opening(keys[one], areas.get(one), found, one, low, high) for one in by]
+        opened_by = tuple(sorted((one for one in openings if one), key=lambda one: one.key))
+        if len(opened_by) < len(by):  # each of them closes all of these departures
+            opened_by = ()
         between = _between(departs_at, low, high)
-        rows.append(Closed(low / 1e6, high / 1e6, *between, sorted_keys(keys, by), ends_at, starts_at))
+        rows.append(Closed(low / 1e6, high / 1e6, *between, sorted_keys(keys, by), opened_by))
     return tuple(rows)
 
 
@@ -78,11 +79,11 @@ def _stretches(found: Differences, least: int, most: int) -> Iterator[tuple[int,
         since, before = now, present
 
 
-def _changes(area: Area, found: Differences, number: int, low: int, high: int) -> tuple[int | None, int | None]:
-    """Return when an area with one span would have to end, or to start, to free delays that it alone closes."""
-    spans = spans_of(area)
+def _opening(key: str, area: Area | None, found: Differences, number: int, low: int, high: int) -> Opening | None:
+    """Return when an area with one span would have to end, or to start, to close none of these delays."""
+    spans = () if area is None else spans_of(area)
     if len(spans) != 1:
-        return None, None
+        return None
     start_us, end_us = spans[0]
     rows = (found.other == number) & (found.low <= high) & (found.high >= low)
     first, last = int(found.low[rows].min()), int(found.high[rows].max())
@@ -90,12 +91,12 @@ def _changes(area: Area, found: Differences, number: int, low: int, high: int) -
     if end_us is not None and last < FOREVER_US:
         ends_us = end_us - (last - low) - 1
         if start_us is None or ends_us > start_us:
-            return ends_us, None
+            return Opening(key, moment_of(ends_us), None)
     if start_us is not None and first > -FOREVER_US:
         starts_us = start_us + (high - first) + 1
         if end_us is None or starts_us < end_us:
-            return None, starts_us
-    return None, None
+            return Opening(key, None, moment_of(starts_us))
+    return None
 
 
 def _departure(delays: Delays) -> datetime:

@@ -429,13 +429,22 @@ class Slot:
 
 
 @dataclass(frozen=True, slots=True)
+class Opening:
+    """A change of an area with one span: it ends, or starts, at another time in this span; the other one is None."""
+
+    key: str
+    ends_at: datetime | None
+    starts_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
 class Closed:
     """Departures that the same objects close: delays in [from_s, to_s], seconds, whole microseconds.
 
     from_at, to_at : these departures
     by : the keys of all objects that close some of them
-    ends_at, starts_at : if the only one is an area with one span: they are free if it ends, or starts, then; None
-        otherwise, or if no such instant lies in its span
+    opened_by : the departures are free if each of these areas, all of `by`, changes; empty if that is not enough, as
+        for a track
     """
 
     from_s: float
@@ -443,8 +452,7 @@ class Closed:
     from_at: datetime
     to_at: datetime
     by: tuple[str, ...]
-    ends_at: datetime | None = None
-    starts_at: datetime | None = None
+    opened_by: tuple[Opening, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -500,7 +508,9 @@ class Delays:
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""
         found = asdict(self)
-        for one in (found, *(found["slots"] or ()), *(found["closed"] or ())):
+        closed = found["closed"] or ()
+        openings = (each for one in closed for each in one["opened_by"])
+        for one in (found, *(found["slots"] or ()), *closed, *openings):
             one |= {name: format_moment(value) for name, value in one.items() if name.endswith("_at")}
         return found
 

@@ -1,6 +1,7 @@
 """Departures that are in conflict, by hand: the same way, a crossing, areas, several objects, horizons, and input."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,9 @@ from shifting import meets_when_shifted
 
 from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
 from conflictdb.core.delays import Differences, Spans
+from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Intervals
+from conflictdb.model.results import Closed
 
 RADIUS_M = 6371008.771415
 T0_US = 1_780_000_000_000_000
@@ -439,3 +442,46 @@ def test_intervals_of_all_tracks_are_joined_at_once(monkeypatch: pytest.MonkeyPa
     assert len(unions) == 2
     assert [one.forbidden for one in found] == [one.forbidden for one in sorted(expected, key=lambda one: one.key)]
     assert any(one.forbidden for one in found)
+
+
+@pytest.mark.parametrize(
+    "spans", [((0, 9000), (3000, 12_000)), ((None, 9000), (3000, 12_000)), ((0, 9000), (3000, None))]
+)
+def test_departures_that_several_areas_close_are_free_if_each_changes(
+    spans: tuple[tuple[float | None, float | None], ...],
+) -> None:
+    """As another computation with the changed areas says; a millisecond less of one change is not enough."""
+    areas = {key: area(key, *span, lon=lon) for key, span, lon in zip("AB", spans, (0.5, 0.6), strict=True)}
+    horizon = [T0_US + round(1e6 * s) for s in (-3000.0, 20_000.0)]
+
+    def answer(others: Iterable[Area]) -> Delays:
+        start, end = map(certain, horizon)
+        [found] = delays([EAST], others, SCENE, "east", start=start, end=end)
+        return found
+
+    closed = answer(areas.values()).closed
+    assert closed is not None
+    assert ("A", "B") in [gap.by for gap in closed]
+    for gap in closed:
+        assert [one.key for one in gap.opened_by] == list(gap.by), gap
+
+        def is_free(by_ms: int, gap: Closed = gap) -> bool:
+            changed = dict(areas)
+            for one in gap.opened_by:
+                at = one.ends_at or one.starts_at
+                assert at is not None
+                at_us = (at - EPOCH) // MICROSECOND + (1000 * by_ms if one.ends_at else -1000 * by_ms)
+                changed[one.key] = replace(areas[one.key], **{"end_us" if one.ends_at else "start_us": at_us})
+            return not any(
+                one.from_s <= gap.to_s and one.to_s >= gap.from_s for one in answer(changed.values()).forbidden
+            )
+
+        assert is_free(0)
+        assert not is_free(1)
+
+
+def test_nothing_opens_departures_that_a_track_closes_too() -> None:
+    closed = delays([EAST, NORTH], [area("A", 0, 90_000)], SCENE, "east", best=1)[0].closed
+    assert closed is not None
+    assert [bool(gap.opened_by) for gap in closed if gap.by == ("A", "north")] == [False]
+    assert any(gap.opened_by for gap in closed if gap.by == ("A",))
