@@ -353,8 +353,7 @@ BEGIN
         PERFORM _mark_all(v_scene_id);
     END IF;
     PERFORM _wake_workers();
-    RETURN (SELECT count(*) FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
-                                  WHERE c.scene_id = v_scene_id) pending);
+    RETURN _count_pending(v_scene_id);
 END
 $$;
 COMMENT ON FUNCTION request_detection(text, boolean) IS

@@ -51,13 +51,33 @@ COMMENT ON FUNCTION _views_compared_at(bigint) IS
 'Earliest last comparison of the attachments of a scene, and of its parent, that have no triggers: -infinity if one '
 'was never compared; null if there is none.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._count_pending(p_scene_id bigint) RETURNS bigint
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT count(*)
+    FROM (SELECT DISTINCT coalesce(o.kind, m.object_kind), coalesce(o.id, m.object_id)
+          FROM _layer l JOIN change m ON m.scene_id = l.scene_id
+          -- An edit marks the object of the parent and its copy, which people count as one.
+          LEFT JOIN (SELECT e.object_kind, e.object_id, c.kind, c.id
+                     FROM branch_edit e
+                     CROSS JOIN LATERAL (SELECT 0::smallint AS kind, a.area_id AS id
+                                         FROM area a WHERE a.scene_id = e.scene_id AND a.key = e.key
+                                         UNION ALL
+                                         SELECT 1::smallint, t.track_id
+                                         FROM track t WHERE t.scene_id = e.scene_id AND t.key = e.key) c
+                     WHERE e.scene_id = p_scene_id) o ON o.object_kind = m.object_kind AND o.object_id = m.object_id
+          WHERE l.seen_by = p_scene_id) d;
+END;
+COMMENT ON FUNCTION _count_pending(bigint) IS
+'Number of objects of a scene that wait for detection, of a branch also those of its parent; an object that a branch '
+'edited counts as one.';
+
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
        s.nearest_m,
        (SELECT count(*) FROM _seen_areas(s.scene_id) a) + (SELECT count(*) FROM _seen_tracks(s.scene_id) t) AS objects,
-       (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-                              WHERE m.scene_id IN (s.scene_id, s.parent_scene_id)) d)
-           + _attached_waiting(s.scene_id) + coalesce(_attached_waiting(s.parent_scene_id), 0) AS pending,
+       _count_pending(s.scene_id) + _attached_waiting(s.scene_id) + coalesce(_attached_waiting(s.parent_scene_id), 0)
+           AS pending,
        r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)

@@ -9,8 +9,8 @@ SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.
 FROM scene s JOIN conflict_event e USING (scene_id);
 
 COMMENT ON VIEW conflict_events IS
-'History of conflicts, one row per event. Also an outbox to poll, scene by scene: WHERE scene = … AND event > the last '
-'one read. Removing a scene removes its events.';
+'History of conflicts, one row per event. Also an outbox to poll, scene by scene: WHERE scene = … AND event > the '
+'last one read. Removing a scene removes its events.';
 COMMENT ON COLUMN conflict_events.scene IS 'Name of the scene.';
 COMMENT ON COLUMN conflict_events.event IS
 'Id. Within a scene, events become visible in order of their ids; ids may be skipped.';

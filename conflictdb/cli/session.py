@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -129,6 +130,7 @@ def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
         args.speed_kn,
         max_gap_s=MAX_GAP_S if args.max_gap is None else 3600.0 * args.max_gap,
     )
+    _refuse_path(db, args.scene)
     with shown_phases() as phase, _advice(args):
         loaded = db.load_files(
             args.files,
@@ -146,6 +148,22 @@ def load_files(db: Database, args: argparse.Namespace) -> "list[Loaded]":
         several = ", ".join(map(repr, names[:5])) + (", …" if len(names) > 5 else "")
         remark(f"scenes {several} are not compared with each other: --scene NAME loads all files into one")
     return loaded
+
+
+def _refuse_path(db: Database, name: str | None) -> None:
+    """Raise InvalidInput for a new scene whose name reads like the path of a branch; branches have names alone."""
+    parent, slash, own = (name or "").partition("/")
+    if not slash:
+        return
+    known = {one.scene.name: one.branch_of for one in db.scenes()}
+    if name not in known and parent in known:
+        makes = (
+            ""
+            if known.get(own) == parent
+            else f"`conflictdb branch create {shlex.quote(own)} --scene {shlex.quote(parent)}`, then "
+        )
+        rule = f"reads like a branch of {parent!r}, which has a name of its own: {makes}--scene {shlex.quote(own)}"
+        raise InvalidInput(f"scene {name!r}", "name", rule)
 
 
 @contextmanager

@@ -1694,6 +1694,9 @@ FUNCTION _count_inherited(p_scene_id bigint, OUT conflicts bigint, OUT unresolve
 FUNCTION _count_objects(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _count_pending(p_scene_id bigint)
+    RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _counted_conflicts()
     RETURNS TABLE(scene text, verdict text, is_acknowledged boolean, conflicts bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -2488,6 +2491,9 @@ FUNCTION _runs(p_scene text, p_limit integer)
 
 FUNCTION _sag(p_angle double precision, p_first geometry, p_last geometry)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _sampled_keys(p_scene_id bigint, p_most integer)
+    RETURNS text[] LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene(p_scene_id bigint)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;

@@ -17,7 +17,7 @@ from psycopg import sql
 from tiles import decode
 
 from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangle_outline_m, solve, store
-from conflictdb.cli.codes import DONE
+from conflictdb.cli.codes import DONE, INPUT_REFUSED
 from conflictdb.client.database import Database
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.jobs.plans_near import read_departing
@@ -464,3 +464,35 @@ def test_certainty_of_inherited_tracks(db: Database, full: bool) -> None:
     }
     assert expected["area", "ferry"] == expected["area", "tender"] == Certainty.MUST
     assert {tuple(sorted((row.a_key, row.b_key))): row.certainty for row in branch.conflicts()} == expected
+
+
+def test_a_name_that_reads_like_the_path_of_a_branch_is_refused(
+    db: Database, scene: StoredScene, dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A load makes no scene of that name; a scene that has such a name is loaded into."""
+    run, path = runner(dsn, capsys), f"{scene.name}/trial"
+    file = tmp_path / "one.geojson"
+    scene.export(file, [scene.objects()[0].key])
+    refused = run("load", file, "--scene", path)
+    assert refused.code == INPUT_REFUSED
+    says = f"scene '{path}': name: reads like a branch of '{scene.name}', which has a name of its own: "
+    assert f"{says}`conflictdb branch create trial --scene '{scene.name}'`, then --scene trial" in refused.err
+    scene.branch("trial")
+    assert f"{says}--scene trial" in run("load", file, "--scene", path).err
+    assert path not in [one.scene.name for one in db.scenes()]
+    assert run("load", file, "--scene", "else/trial").code == DONE
+
+
+def test_an_object_that_a_branch_edits_waits_once(scene: StoredScene) -> None:
+    """The edit marks the object of the parent and its copy."""
+    branch = scene.branch("trial")
+    (area, *_), tracks = branch._read()[1:]
+    branch.put([replace(area, name="changed")])
+    assert (branch.state().pending, branch.state().remark) == (1, "1 object waits for detection")
+    with pytest.raises(InvalidInput, match="1 object waits for detection"):
+        branch.diff()
+    branch.put([replace(area, key="new"), replace(tracks[0], name="changed")])
+    branch.delete_objects(tracks[1].key)
+    assert branch.state().pending == 4
+    branch.detect()
+    assert branch.state().pending == 0
