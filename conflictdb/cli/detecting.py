@@ -27,7 +27,7 @@ from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
 from conflictdb.cli.tables import show_table, table, wrapped
-from conflictdb.cli.values import chosen_zone
+from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.errors import InvalidInput
 from conflictdb.model.settings import STORED_BY_DETECT, Regions, given
 
@@ -173,13 +173,14 @@ def _print_live(found: "Sequence[LiveTrack]", alarms: "Sequence[LiveConflict]", 
         out(_alarm_text(alarm, states, shown))
     if alarms:
         out()
+    units = chosen_units()
     header = ["KEY", "STATE", "LATE", "OFF", "SLACK", shown.header("LAST POSITION")]
     lines = [
         [
             one.key,
             one.state,
             _lateness(one),
-            None if one.off_m is None else f"{one.off_m:,.0f} m",
+            None if one.off_m is None else units.least_distance(one.off_m),
             None if one.slack_s is None else f"{one.slack_s / 60.0:,.0f} min",
             shown.moment(one.instant, up=False),
         ]

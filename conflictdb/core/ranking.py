@@ -62,14 +62,14 @@ def worst_first(conflicts: Iterable[Conflict], known: Known) -> list[Conflict]:
 
 
 def missing_text(moving: int, found: "DeepestContact | None", units: Units = Units.NAUTICAL) -> str:
-    """Return how much of the separation is missing, in words: ``inside by 4.7 nmi``, ``too close by 0.4 nmi``.
+    """Return how much of the separation is missing at most, in words: ``inside by 4.7 nmi``, ``too close by 0.4 nmi``.
 
     moving : how many of the two are tracks
     """
     if found is None:
         return ""
     words, by_m = missing(moving, found)
-    return words if by_m is None else f"{words} by {units.distance(by_m)}"
+    return words if by_m is None else f"{words} by {units.most_distance(by_m)}"
 
 
 def missing(moving: int, found: "DeepestContact") -> tuple[str, float | None]:

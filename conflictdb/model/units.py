@@ -28,24 +28,22 @@ class Units(StrEnum):
     def _name(self) -> str:
         return "nmi" if self is Units.NAUTICAL else "km"
 
-    def distance(self, metres: float) -> str:
-        """Return a distance to a tenth of the larger unit, below a tenth of it in metres."""
-        if metres >= self.step_m:
-            return f"{metres / self.step_m / 10.0:.1f} {self._name}"
-        return f"{metres:.0f} m" if metres >= 10.0 else f"{metres:.1f} m"
-
     def least_distance(self, metres: float) -> str:
-        """Return a distance as `distance` does, rounded down."""
+        """Return a distance that something has at least (apart, off, clear), rounded down.
+
+        To a tenth of the larger unit, below a tenth of it to a metre, below 10 m to a tenth of one. What is rounded
+        stays true: 1000 km within which nothing comes are 539.9 nmi, not 540.
+        """
         tenths = math.floor(metres / self.step_m + _ROUNDING)
         if tenths:
             return f"{tenths / 10} {self._name}"
         return f"{int(metres)} m" if metres >= 10.0 else f"{int(10.0 * metres) / 10.0} m"
 
     def most_distance(self, metres: float) -> str:
-        """Return a distance as `distance` does, rounded up."""
-        if metres <= self.step_m * (1.0 - _ROUNDING):
-            return f"{math.ceil(metres)} m"
-        return f"{math.ceil(metres / self.step_m - _ROUNDING) / 10} {self._name}"
+        """Return a distance that is at most missing, or more, to the same digits as `least_distance`, rounded up."""
+        if metres > self.step_m * (1.0 - _ROUNDING):
+            return f"{math.ceil(metres / self.step_m - _ROUNDING) / 10} {self._name}"
+        return f"{math.ceil(metres)} m" if metres > 9.9 else f"{math.ceil(10.0 * metres) / 10.0} m"
 
     def exact_distance(self, metres: float) -> str:
         """Return a distance that is a whole number of tenths of the larger unit, else to 0.1 m, rounded up."""

@@ -166,7 +166,7 @@ def test_8_one_page_for_the_captain(day: Run, tmp_path: Path, monkeypatch: pytes
     for words in (
         "Brief: FERRY NORTH (Morning ferry northbound)",
         "1 57°37.200'N 009°57.000'E 2026-12-01 07:00:00 CET 2026-12-01 06:00:00 UTC",
-        "2026-12-01 09:19:32 to 09:21:53 CET 2026-12-01 08:19:32 to 08:21:53 UTC too close by 0.4 nmi",
+        "2026-12-01 09:19:32 to 09:21:53 CET 2026-12-01 08:19:32 to 08:21:53 UTC too close by 0.5 nmi",
         "EK D 382 (Firing area) Range office, +45 99 00 00 00 2026-12-01 08:17:49 to 09:06:39 CET",
         "they see each other",
         f"Proposal {number[1]}, open: FERRY NORTH departs",

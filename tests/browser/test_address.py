@@ -73,7 +73,7 @@ def test_units_and_times_are_chosen_and_kept_in_the_address(open_strait: Open) -
     page.get_by_role("button", name="FERRY and TOW").click()
     card = page.locator(".card")
     expect(card).to_contain_text(
-        re.compile(r"09:48:51 UTC, first at 57°\d\d\.\d. N 008°\d\d\.\d. E, too close by 0.5 nmi")
+        re.compile(r"09:48:51 UTC, first at 57°\d\d\.\d. N 008°\d\d\.\d. E, too close by 0.6 nmi")
     )
     page.get_by_text("More", exact=True).click()
     page.get_by_label("Units").select_option("metric")
@@ -122,7 +122,7 @@ def test_an_address_that_is_not_understood_changes_nothing(open_strait: Open, ha
 def test_a_file_has_an_address_too(open_strait: Open) -> None:
     page = open_strait(of="file")
     page.get_by_role("button", name="FERRY and TOW").click()
-    expect(page.locator(".card")).to_contain_text("too close by 0.5 nmi at 09:4")
+    expect(page.locator(".card")).to_contain_text("too close by 0.6 nmi at 09:4")
     expect(page.locator("svg.chart")).to_be_visible()
     wait_until(page, "location.hash.includes('b=TOW')")
     page.reload()

@@ -120,7 +120,7 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     page.get_by_role("combobox", name="Object").fill("alone")
     page.get_by_role("combobox", name="Object").press("Enter")
     said = page.locator("#object .said")
-    expect(said).to_have_text("No conflict. Nothing comes within 540 nmi at its time and heights.")
+    expect(said).to_have_text("No conflict. Nothing comes within 539.9 nmi at its time and heights.")
     page.get_by_text("More", exact=True).click()
     page.get_by_label("Units").select_option("metric")
     expect(said).to_have_text("No conflict. Nothing comes within 1000 km at its time and heights.")

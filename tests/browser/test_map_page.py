@@ -55,7 +55,7 @@ def test_scene_is_shown_and_explored(open_strait: Open) -> None:
     expect(page.locator("#order")).to_have_text("Worst first")
     expect(page.locator("#clock")).to_have_text(re.compile("^09:4[5-8]:"))
     expect(page.locator("li.on .keys").first).to_have_text("FERRY and TOW")
-    expect(page.locator("li.on .facts").first).to_contain_text("too close by 0.5 nmi")
+    expect(page.locator("li.on .facts").first).to_contain_text("too close by 0.6 nmi")
     expect(page.locator("li.on .names").nth(1)).to_have_text("Cable works on the sea bed and Submarine haven, deep")
 
     slider = page.get_by_role("slider")

@@ -75,7 +75,7 @@ def assert_scenes_are_shown(page: Page, dsn: str, gone: Page) -> None:
     assert page.evaluate(read) == 1
     expect(page.get_by_label("Scene")).to_have_value("no ferry")
     page.get_by_role("button", name="CABLE and SUB-1").click()
-    expect(page.locator(".card")).to_contain_text("inside by 7.2 nmi at")  # of pieces of the branch
+    expect(page.locator(".card")).to_contain_text("inside by 7.3 nmi at")  # of pieces of the branch
     page.go_back()
     assert_a_branch_is_compared_with_its_parent(page, dsn)
     # A change of the branch reaches its page, and not that of the parent.

@@ -92,7 +92,7 @@ def test_table_csv_and_geojson_show_the_same_pairs(run: Run) -> None:
         ["CABLE", "SUB-1"],
         ["DIVING", "FIRING"],
     ]
-    assert "  too close by 0.5 nmi  " in table[1]
+    assert "  too close by 0.6 nmi  " in table[1]
     assert table == run("conflicts").out.splitlines()
     named = next(line for line in table if line.startswith("CABLE "))
     assert "  Cable works on the sea bed  " in named

@@ -62,8 +62,8 @@ def test_scenes_of_one_list_stay_apart() -> None:
         (1, 500.0, 500.0, "too close by 0.3 nmi"),
         (2, 0.4 * 1852.0, 0.0, "too close by 0.4 nmi"),
         (2, 0.4 * 1852.0, 100.0, "too close by 0.4 nmi"),
-        (0, 42.4, 0.0, "overlapping by 42 m"),
-        (0, 42.4, 50.0, "too close by 42 m"),
+        (0, 42.4, 0.0, "overlapping by 43 m"),
+        (0, 42.4, 50.0, "too close by 43 m"),
         (2, 0.01, 50.0, "just touching"),
         (1, -0.0, 0.0, "just touching"),
     ],
@@ -74,6 +74,6 @@ def test_what_is_missing_in_words(moving: int, depth_m: float, separation_m: flo
 
 def test_unknown_depths_have_no_words() -> None:
     assert missing_text(2, None) == ""
-    assert [Units.NAUTICAL.distance(metres) for metres in (1.25, 9.9, 10.4, 185.1, 185.2)] == [
-        "1.2 m", "9.9 m", "10 m", "185 m", "0.1 nmi",
+    assert [Units.NAUTICAL.most_distance(metres) for metres in (1.25, 9.9, 10.4, 185.0, 185.1, 185.2)] == [
+        "1.3 m", "9.9 m", "11 m", "185 m", "186 m", "0.1 nmi",
     ]  # fmt: skip

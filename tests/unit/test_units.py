@@ -22,12 +22,26 @@ def test_a_place_in_degrees_and_minutes_or_decimal_degrees(lon: float, lat: floa
 
 
 def test_a_distance_is_in_the_unit_that_fits_it() -> None:
-    assert [Units.METRIC.distance(m) for m in (9.94, 12.0, 99.0, 100.0, 8704.4)] == [
+    assert [Units.METRIC.least_distance(m) for m in (9.94, 12.0, 99.0, 100.0, 8704.4)] == [
         *("9.9 m", "12 m", "99 m", "0.1 km", "8.7 km"),
     ]
     assert [Units.NAUTICAL.least_distance(m) for m in (370.0, 371.0, 184.9, 1851.9, 0.19)] == [
         *("0.1 nmi", "0.2 nmi", "184 m", "0.9 nmi", "0.1 m"),
     ]
+
+
+@pytest.mark.parametrize("units", Units)
+@pytest.mark.parametrize("metres", [0.0, 0.04, 9.91, 9.99, 42.4, 99.99, 185.1, 185.3, 370.4, 1_000_000.0])
+def test_what_is_rounded_stays_true(units: Units, metres: float) -> None:
+    """1000 km are at least 539.9 nmi, and at most 540.0."""
+    metres_of = {"m": 1.0, "km": 1000.0, "nmi": 1852.0}
+    least, most = (
+        float(text.split()[0]) * metres_of[text.split()[1]]
+        for text in (units.least_distance(metres), units.most_distance(metres))
+    )
+    assert least <= metres * (1 + 1e-9)
+    assert most >= metres * (1 - 1e-9)
+    assert most - least <= (units.step_m if metres >= units.step_m - 1.0 else 1.0) + 1e-6
 
 
 def test_a_distance_that_must_be_kept_is_rounded_up() -> None:

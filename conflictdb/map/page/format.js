@@ -28,6 +28,8 @@ export function shortened(text, most) {
 }
 
 export const NMI_M = 1852;
+// The error of a product is no part of a tenth.
+const ROUNDING = 1e-6;
 const ROUND = [1, 2, 5].flatMap((n) => Array.from({ length: 8 }, (_, e) => n * 10 ** e)).sort((a, b) => a - b);
 
 const two = (n) => String(n).padStart(2, "0");
@@ -111,16 +113,26 @@ export function bound(value, unit) {
   return `${Number((Math.ceil(scaled / digit - 1e-9) * digit).toPrecision(2))} ${name}`;
 }
 
-export function metres(m) {
-  if (Math.abs(m) >= 10000) return `${(m / 1000).toFixed(1)} km`;
-  return `${m >= 100 ? Math.round(m) : Number(m.toPrecision(3))} m`;
+export function metres(m, round = Math.round) {
+  if (Math.abs(m) >= 10000) return `${tenths(m / 1000, round)} km`;
+  if (m >= 100 || round !== Math.round) return `${round(m)} m`;
+  return `${Number(m.toPrecision(3))} m`;
 }
 
 // A distance on the ground: nautical miles, below a tenth of one metres; or kilometres.
-export function distance(m) {
-  if (!display.isNautical) return metres(m);
-  if (m >= NMI_M / 10) return `${(m / NMI_M).toFixed(1)} nmi`;
-  return `${m >= 10 ? Math.round(m) : m.toFixed(1)} m`;
+export function distance(m, round = Math.round) {
+  if (!display.isNautical) return metres(m, round);
+  if (m > (NMI_M / 10) * (1 - ROUNDING)) return `${tenths(m / NMI_M, round)} nmi`;
+  return `${m >= 10 ? round(m) : tenths(m, round)} m`;
+}
+
+// Bounds stay true as they are rounded, by the rule of model/units.py.
+export const leastDistance = (m) => distance(m, Math.floor);
+export const mostDistance = (m) => distance(m, Math.ceil);
+
+function tenths(value, round) {
+  const error = round === Math.floor ? ROUNDING : round === Math.ceil ? -ROUNDING : 0;
+  return (round(value * 10 + error) / 10).toFixed(1);
 }
 
 // The longest bar of a round length of at most so many metres: metres, or tenths of a nautical mile.

@@ -1,7 +1,7 @@
 // How ships keep their plans: conflicts that follow from their lateness, and their last positions.
 
 import { byId, element } from "./dom.js";
-import { clock, counted, distance, grouped, moment } from "./format.js";
+import { clock, counted, grouped, leastDistance, moment } from "./format.js";
 
 const AGAIN_MS = 10_000; // how often states are read again; alarms come at once
 const NONE_MS = 60_000; // in a scene without positions
@@ -22,7 +22,7 @@ const range = (least, most) => (least === most ? `${most} min` : `${least} to ${
 // How a track keeps its plan: "11 to 14 min late", "off by 1.2 nmi", "silent, 2 min early to 5 min late", "on plan".
 export function stateText(track) {
   const late = latenessText(track);
-  if (track.state === "off") return track.off_m === null ? "off" : `off by ${distance(track.off_m)}`;
+  if (track.state === "off") return track.off_m === null ? "off" : `off by ${leastDistance(track.off_m)}`;
   if (track.state === "late" || track.state === "early") return late ?? track.state;
   return track.state === "silent" && late !== null ? `silent, ${late}` : track.state;
 }

@@ -1,7 +1,7 @@
 // The selected object: what it is, how many conflicts it has, and what it comes nearest to if it has none.
 
 import { element } from "./dom.js";
-import { bound, clock, counted, distance, heights, period, printable } from "./format.js";
+import { bound, clock, counted, distance, heights, leastDistance, period, printable } from "./format.js";
 import { FARTHEST_M } from "./nearest.js";
 
 export class ObjectCard {
@@ -44,7 +44,7 @@ export class ObjectCard {
       if (asked === this.asked) said.textContent = `${none} What comes nearest is not known: ${printable(error.message)}.`;
     }
     if (asked !== this.asked || found === undefined) return;
-    said.replaceChildren(...(found === null ? [`${none} Nothing comes within ${distance(FARTHEST_M).replace(".0 ", " ")} at its time and heights.`] : [
+    said.replaceChildren(...(found === null ? [`${none} Nothing comes within ${leastDistance(FARTHEST_M)} at its time and heights.`] : [
       `${none} Nearest at its heights: `, element("bdi", {}, printable(found.other)), `, ${distance(found.m)} (within ${bound(found.error, "m")})`,
       ...(Number.isFinite(found.t) ? [", at ", element("button", { type: "button", class: "link", click: () => this.on.goTo(object, found.t) }, `${clock(found.t)}`)] : []), "."]));
   }
