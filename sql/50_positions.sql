@@ -175,50 +175,73 @@ COMMENT ON FUNCTION _may_look() IS
 'Whether there is something to look at, and the transaction may: from now to its end no other one may.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
+    p_most integer,
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
     OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
-    v_former pg_snapshot;
-    v_seen pg_snapshot;
+    v_look position_look;
+    v_one record;
+    v_count integer := 0;
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
     END IF;
-    v_former := (SELECT l.seen FROM position_look l);
+    SELECT l.* INTO v_look FROM position_look l;
     -- The first look, and the first of a restored database, which counts its transactions from 1: it reads all
     -- positions again, which changes nothing. Those of later transactions than there are become its own: else each look
     -- would read them.
-    IF pg_snapshot_xmax(v_former) = '1' OR pg_snapshot_xmax(v_former) > pg_snapshot_xmax(pg_current_snapshot()) THEN
-        v_former := '1:1:';
+    IF v_look.reading IS NULL AND pg_snapshot_xmax(v_look.seen) = '1'
+       OR pg_snapshot_xmax(coalesce(v_look.reading, v_look.seen)) > pg_snapshot_xmax(pg_current_snapshot()) THEN
+        v_look := (true, '1:1:', NULL, NULL, NULL, NULL);
         UPDATE position SET transaction_id = pg_current_xact_id()
             WHERE transaction_id > pg_current_xact_id();
     END IF;
-    -- Under READ COMMITTED each statement has a snapshot of its own: what is noted as seen is older than what is read,
-    -- and what is read twice changes nothing.
-    v_seen := pg_current_snapshot();
-    RETURN QUERY
-        SELECT p.scene_id, p.key, t.track_id, t.version, (extract(epoch FROM p.instant) * 1000000)::bigint,
-               ST_X(p.place), ST_Y(p.place), p.height_m, p.error_m
-        FROM (SELECT o.* FROM position o WHERE o.transaction_id >= pg_snapshot_xmax(v_former)
+    v_look.reading := coalesce(v_look.reading, pg_current_snapshot());
+    FOR v_one IN
+        SELECT p.scene_id, p.key, t.track_id, t.version, p.instant, ST_X(p.place) AS lon, ST_Y(p.place) AS lat,
+               p.height_m, p.error_m
+        -- OFFSET 0: no index is in the order of instants.
+        FROM (SELECT o.* FROM position o WHERE o.transaction_id >= pg_snapshot_xmax(v_look.seen)
               UNION ALL
               SELECT o.* FROM position o
-              WHERE o.transaction_id = ANY (ARRAY(SELECT pg_snapshot_xip(v_former)))) p
+              WHERE o.transaction_id = ANY (ARRAY(SELECT pg_snapshot_xip(v_look.seen))) OFFSET 0) p
         JOIN scene s ON s.scene_id = p.scene_id
         JOIN track t ON t.scene_id = p.scene_id AND t.key = p.key
-        ORDER BY p.scene_id, p.instant;
+        -- This transaction, which a restore may have written them in, is not over for itself.
+        WHERE (pg_visible_in_snapshot(p.transaction_id, v_look.reading)
+               OR p.transaction_id = pg_current_xact_id_if_assigned())
+          AND (v_look.scene_id IS NULL
+               OR (p.scene_id, p.instant, p.key) > (v_look.scene_id, v_look.instant, v_look.key))
+        ORDER BY p.scene_id, p.instant, p.key LIMIT p_most LOOP
+        v_count := v_count + 1;
+        scene_id := v_one.scene_id;
+        key := v_one.key;
+        track_id := v_one.track_id;
+        version := v_one.version;
+        instant_us := (extract(epoch FROM v_one.instant) * 1000000)::bigint;
+        lon := v_one.lon;
+        lat := v_one.lat;
+        height_m := v_one.height_m;
+        error_m := v_one.error_m;
+        RETURN NEXT;
+    END LOOP;
+    IF v_count = p_most THEN
+        UPDATE position_look l SET seen = v_look.seen, reading = v_look.reading, scene_id = v_one.scene_id,
+                                   instant = v_one.instant, key = v_one.key;
     -- While there are no positions, an older snapshot serves as well; it must not become costly to compare with.
-    IF FOUND OR pg_snapshot_xmax(v_seen)::text::numeric - pg_snapshot_xmax(v_former)::text::numeric > 10000 THEN
-        INSERT INTO position_look AS l (is_only, seen) VALUES (true, v_seen)
-            ON CONFLICT (is_only) DO UPDATE SET seen = excluded.seen;
+    ELSIF v_count > 0 OR v_look.scene_id IS NOT NULL
+       OR pg_snapshot_xmax(v_look.reading)::text::numeric - pg_snapshot_xmax(v_look.seen)::text::numeric > 10000 THEN
+        UPDATE position_look l SET seen = v_look.reading, reading = NULL, scene_id = NULL, instant = NULL, key = NULL;
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _new_positions() IS
-'Positions committed since the last look, in the order of their instants, with the track that has their key; none '
-'while another session looks. The transaction must end after what follows from them is stored.';
+COMMENT ON FUNCTION _new_positions(integer) IS
+'Positions committed since the last look, at most p_most, in the order of scenes and instants, with the track that has '
+'their key; the next look reads the others. None while another session looks. The transaction must end after what '
+'follows from them is stored.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_old_slot(p_slot integer, p_until timestamptz) RETURNS boolean
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -292,4 +315,8 @@ END
 $$;
 COMMENT ON TABLE position_look IS 'What the last look at positions saw: one row.';
 COMMENT ON COLUMN position_look.is_only IS 'True.';
-COMMENT ON COLUMN position_look.seen IS 'Transactions whose positions were seen.';
+COMMENT ON COLUMN position_look.seen IS 'Transactions whose positions were all seen.';
+COMMENT ON COLUMN position_look.reading IS 'Transactions whose positions are being read in parts; null: none.';
+COMMENT ON COLUMN position_look.scene_id IS 'Scene of the last position of them that was seen.';
+COMMENT ON COLUMN position_look.instant IS 'Its instant.';
+COMMENT ON COLUMN position_look.key IS 'Its key.';

@@ -26,12 +26,14 @@ COMMENT ON FUNCTION _silent_after_s() IS
 'After how many seconds without a position a track is silent: the setting conflictdb.silent_after, else 10 minutes.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._unheard(
-    p_now_us bigint, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint
+    p_now_us bigint, p_step_us bigint, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
 DECLARE
-    v_heard_until timestamptz := to_timestamp(p_now_us / 1e6) - make_interval(secs => _silent_after_s());
+    v_now timestamptz := to_timestamp(p_now_us / 1e6);
+    v_heard_until timestamptz := v_now - make_interval(secs => _silent_after_s());
+    v_step interval := p_step_us * interval '1 microsecond';
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
@@ -41,12 +43,16 @@ BEGIN
     RETURN QUERY
         SELECT l.scene_id, l.key, t.track_id, t.version
         FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
-        WHERE l.state <> 'past its end' AND l.instant < v_heard_until;
+        WHERE l.state <> 'past its end' AND l.instant < v_heard_until
+          AND NOT (l.state = 'silent'
+                   AND ceil(extract(epoch FROM l.as_of - l.instant) / extract(epoch FROM v_step))
+                       = ceil(extract(epoch FROM v_now - l.instant) / extract(epoch FROM v_step)));
 END
 $$;
-COMMENT ON FUNCTION _unheard(bigint) IS
-'Tracks under way that are silent at an instant (microseconds): without a position for a time. Forgets '
-'the states of removed tracks. None while another session looks.';
+COMMENT ON FUNCTION _unheard(bigint, bigint) IS
+'Tracks under way that are silent at an instant (microseconds): without a position for a time. Without those whose '
+'silence has begun no other step since the last look. Forgets the states of removed tracks. None while another session '
+'looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._replanned(
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,

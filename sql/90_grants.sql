@@ -162,7 +162,7 @@ GRANT TRUNCATE ON position_0, position_1, position_2, position_3, position_4, po
     TO conflictdb_worker;
 GRANT INSERT, UPDATE, DELETE ON live_state, live_conflict TO conflictdb_worker;
 GRANT INSERT, DELETE ON live_event TO conflictdb_worker;
-GRANT INSERT, UPDATE (seen) ON position_look TO conflictdb_worker;
+GRANT INSERT, UPDATE ON position_look TO conflictdb_worker;
 GRANT UPDATE (transaction_id) ON position TO conflictdb_worker;
 
 -- Workers write the derived tables.

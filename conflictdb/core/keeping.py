@@ -88,6 +88,17 @@ class Kept:
         """Whether its plan is over."""
         return self.state == PAST
 
+    def replaces(self, before: Self | None, since_us: int) -> bool:
+        """Return whether nothing follows from an earlier state that does not follow from this one.
+
+        since_us : since when the earlier ones were replaced: latenesses that are a minute apart count each
+        """
+        if before is None or (self.is_as_planned, self.is_over) != (before.is_as_planned, before.is_over):
+            return False
+        if self.is_as_planned or self.is_over:
+            return True
+        return self.state == before.state and self.at_us - since_us < NEAR_US
+
     def at(self, plan: PlannedTimes, latenesses: Spans, former: Self | None) -> Self:
         """Return the state at this position, which its haven contains at some latenesses.
 
@@ -124,7 +135,9 @@ class Kept:
         if self.seen_us is None or self.off_m is not None:
             # A track that was off when it was last heard of is not known to be on its way at all.
             return replace(self, state=SILENT, late_us=None)
-        return replace(self, state=SILENT, late_us=_grown(self.seen_us, plan, now_us - self.at_us))
+        # In whole minutes: what follows is not looked up at each look.
+        lasts_us = -((self.at_us - now_us) // NEAR_US) * NEAR_US
+        return replace(self, state=SILENT, late_us=_grown(self.seen_us, plan, lasts_us))
 
 
 def _grown(seen_us: tuple[int, int], plan: PlannedTimes, lasts_us: int) -> tuple[int, int]:

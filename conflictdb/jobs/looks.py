@@ -5,8 +5,7 @@ looks at a time; the others find nothing.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ import psycopg
 from conflictdb import store
 from conflictdb.arrays.objects import AreaBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.core.keeping import OFF, Kept, PlannedTimes
+from conflictdb.core.keeping import NEAR_US, OFF, Kept, PlannedTimes
 from conflictdb.core.lateness import Positions, distances_off_m, lateness_of
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.earth.registry import Setup
@@ -24,7 +23,7 @@ from conflictdb.jobs.following import ENDS_AT_US, OFF_REASON, follow
 from conflictdb.model.plans import Scene
 
 _NO_AREAS: Final = AreaBatch.of([])
-# Positions compared at once: their pairs of pieces fit into memory.
+# Positions of a look: their pairs of pieces fit into memory, and it ends in seconds.
 _AT_ONCE: Final = 20_000
 # Plans that a worker keeps cut, of each scene: some hundred megabytes.
 _MOST_PLANS: Final = 100_000
@@ -52,26 +51,33 @@ class _SceneLooks:
 
 
 class Looks:
-    """The looks of a worker. What it keeps between looks only saves work."""
+    """The looks of a worker. What it keeps between looks only saves work.
+
+    is_behind : whether more positions wait than the last look read
+    """
 
     def __init__(self) -> None:
+        self.is_behind = False
         self._scenes: dict[int, _SceneLooks] = {}
 
     def look(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool) -> int:
-        """Compare the positions since the last look with plans, and commit; return their number.
+        """Compare positions since the last look with plans, and commit; return their number.
 
-        is_silence_due : also look which tracks are silent, and which have other plans than their states are of
+        Reads at most 20,000: of a backlog the oldest ones of a scene.
+
+        is_silence_due : unless more positions wait, also look which tracks are silent, and which have other plans than
+            their states are of
         """
-        count = 0
+        self.is_behind = False
         with store.transaction(conn):
-            with closing(store.new_positions(conn, _AT_ONCE)) as parts:
-                for heard in parts:
-                    count += len(heard)
-                    self._compare_all(conn, heard, now_us)
-            if is_silence_due:
+            heard = store.new_positions(conn, _AT_ONCE)
+            is_behind = len(heard) == _AT_ONCE
+            self._compare_all(conn, heard, now_us)
+            if is_silence_due and not is_behind:
                 self._compare_all(conn, store.replanned(conn), now_us, is_again=True)
                 self._look_for_silence(conn, now_us)
-        return count
+        self.is_behind = is_behind
+        return len(heard)
 
     def _compare_all(
         self, conn: psycopg.Connection[Any], heard: list[store.Heard], now_us: int, *, is_again: bool = False
@@ -85,7 +91,7 @@ class Looks:
 
     def _look_for_silence(self, conn: psycopg.Connection[Any], now_us: int) -> None:
         of_scenes: dict[int, list[store.Unheard]] = defaultdict(list)
-        for one in store.unheard(conn, now_us):
+        for one in store.unheard(conn, now_us, NEAR_US):
             of_scenes[one.scene_id].append(one)
         for scene_id, some in of_scenes.items():
             cut = self._cut(conn, scene_id, {one.track_id: one.version for one in some})
@@ -124,21 +130,30 @@ class Looks:
         )
         pieces = Pieces.concatenate([known.cut[track].pieces for track in np.unique(positions.track).tolist()])
         latenesses = lateness_of(known.setup, pieces, positions)
-        states: dict[str, Kept] = {}
-        of_key: dict[str, int] = {}
+        states: dict[int, Kept] = {}
+        last: dict[str, int] = {}
+        # One that the next one says as much as is left out.
+        begun_us: dict[str, int] = {}
         for k, one in enumerate(heard):
-            before = states.get(one.key, former.get(one.key))
+            before = states[last[one.key]] if one.key in last else former.get(one.key)
             if before is not None and one.at_us <= before.at_us:
                 continue
             here = Kept(OFF, None, None, one.at_us, (one.lon, one.lat), one.height_m, one.error_m, None)
-            states[one.key] = here.at(known.cut[one.track_id].plan, latenesses[k], before)
-            of_key[one.key] = k
-        off = [key for key, state in states.items() if state.state == OFF]
+            here = here.at(known.cut[one.track_id].plan, latenesses[k], before)
+            if one.key in last and here.replaces(before, begun_us[one.key]):
+                del states[last[one.key]]
+            else:
+                begun_us[one.key] = one.at_us
+            states[k], last[one.key] = here, k
+        off = [k for k in last.values() if states[k].state == OFF]
         if off:
-            some = positions.take(np.array([of_key[key] for key in off]))
-            for key, off_m in zip(off, distances_off_m(known.setup, pieces, some).tolist(), strict=True):
-                states[key] = states[key].away(off_m)
-        self._put(conn, scene_id, known, former, states, {one.key: one.track_id for one in heard}, now_us)
+            for k, off_m in zip(off, distances_off_m(known.setup, pieces, positions.take(np.array(off))), strict=True):
+                states[k] = states[k].away(float(off_m))
+        tracks = {one.key: one.track_id for one in heard}
+        for some in _each_once({k: heard[k].key for k in states}):
+            now = {heard[k].key: states[k] for k in some}
+            self._put(conn, scene_id, known, former, now, tracks, now_us)
+            former |= now
 
     def _put(
         self,
@@ -181,6 +196,19 @@ class Looks:
                 version = int(tracks.version[row])
                 known.cut[track] = _CutPlan(version, PlannedTimes.of(tracks, row), pieces.take(own))
         return known
+
+
+def _each_once(keys: Mapping[int, str]) -> Iterator[list[int]]:
+    """Yield the rows of keys in order, in parts that have each key at most once."""
+    part: list[int] = []
+    seen: set[str] = set()
+    for k in sorted(keys):
+        if keys[k] in seen:
+            yield part
+            part, seen = [], set()
+        part.append(k)
+        seen.add(keys[k])
+    yield part
 
 
 def _without_separations(scene: Scene) -> Setup:

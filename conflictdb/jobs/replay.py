@@ -49,5 +49,8 @@ def replay(
                 some = slice(done, until)
                 store.insert_positions(conn, scene, keys[some].tolist(), at_us[some], lonlat[some])
             done = until
-        report(now_us, looks.look(conn, now_us, is_silence_due=True))
+        looked = looks.look(conn, now_us, is_silence_due=True)
+        while looks.is_behind:
+            looked += looks.look(conn, now_us, is_silence_due=True)
+        report(now_us, looked)
     return done

@@ -167,10 +167,10 @@ class Worker:
                 well &= self._round(connection, self.say_after_s)
                 for failing in self._failing.values():
                     failing.again_at_s = math.inf
-                if not self._busy and not self._has_requests:
+                if not self._busy and not self._has_requests and not self._looks.is_behind:
                     store.seal_edits(connection)
                     return well
-                if not self._has_requests:
+                if not self._has_requests and not self._looks.is_behind:
                     time.sleep(self.busy_s)
 
     def run(self) -> None:
@@ -244,7 +244,7 @@ class Worker:
             dues_s.append(comparison_s)
         if self._busy:
             dues_s.append(self.busy_s)
-        if self._has_requests:
+        if self._has_requests or self._looks.is_behind:
             return 0.0
         return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
@@ -320,7 +320,7 @@ class Worker:
         is_silence_due = time.monotonic() - self._silence_at_s >= _SILENCE_EVERY_S
         try:
             self._looks.look(connection, time.time_ns() // 1000, is_silence_due=is_silence_due)
-            if is_silence_due:
+            if is_silence_due and not self._looks.is_behind:
                 self._silence_at_s = time.monotonic()
             if time.monotonic() - self._pruned_at_s >= _PRUNE_EVERY_S:
                 self._pruned_at_s = time.monotonic()

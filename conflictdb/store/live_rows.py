@@ -1,9 +1,8 @@
 """Read new positions, and store how tracks keep their plans."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import islice
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from psycopg.types.json import Jsonb
 
 from conflictdb.core.keeping import Kept
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call, call_by_name, call_each, call_many, transaction
+from conflictdb.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.store.parameters import Array
 
 # Positions that one statement inserts.
@@ -123,14 +122,12 @@ class Unheard(NamedTuple):
     version: int
 
 
-def new_positions(conn: psycopg.Connection[Any], at_once: int) -> Generator[list[Heard], None, None]:
-    """Yield the positions since the last look, in the order of their instants, in the open transaction.
+def new_positions(conn: psycopg.Connection[Any], most: int) -> list[Heard]:
+    """Return positions since the last look, in the order of scenes and instants, in the open transaction.
 
-    at_once : positions in a list: a backlog may be larger than memory
+    most : of them; if there are more, the next look reads on
     """
-    rows = call_each(conn, "_new_positions", rows_at_once=at_once)
-    while some := [Heard(*row) for row in islice(rows, at_once)]:
-        yield some
+    return [Heard(*row) for row in call_many(conn, "_new_positions", most)]
 
 
 def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:
@@ -138,9 +135,12 @@ def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:
     return [Heard(*row) for row in call_many(conn, "_replanned")]
 
 
-def unheard(conn: psycopg.Connection[Any], now_us: int) -> list[Unheard]:
-    """Return the tracks that are silent at an instant, in the open transaction."""
-    return [Unheard(*row) for row in call_many(conn, "_unheard", now_us)]
+def unheard(conn: psycopg.Connection[Any], now_us: int, step_us: int) -> list[Unheard]:
+    """Return the tracks that are silent at an instant, in the open transaction.
+
+    step_us : those whose silence has begun no other step of this length since the last look are left out
+    """
+    return [Unheard(*row) for row in call_many(conn, "_unheard", now_us, step_us)]
 
 
 def live_states(conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str]) -> dict[str, Kept]:

@@ -62,7 +62,7 @@ def look(conn: Conn, minute: float = 28.0) -> dict[tuple[str, str, str | None], 
 
 def count(conn: Conn) -> int:
     """Return how many positions a look reads."""
-    return sum(map(len, store.new_positions(conn, 1000)))
+    return len(store.new_positions(conn, 1000))
 
 
 MEET = {("s", "FERRY", "TOW"): "must"}
@@ -251,20 +251,47 @@ def test_a_worker_goes_on_after_a_backlog(sea: Conn, dsn: str) -> None:
     assert sea.execute("SELECT instant FROM conflictdb.live").fetchall() == [(BEGAN + timedelta(minutes=29),)]
 
 
-def test_a_backlog_is_read_in_parts(sea: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker that was away for long needs no more memory, and finds the same."""
-    for n in range(10):
-        late(sea, key="TOW" if n % 2 else "FERRY", minute=20.0 + n / 10)
-    late(sea)
-    read = []
-    whole = Looks._compare_all
+# How late a ferry is, minute by minute; None: off its plan.
+LATE_MIN = [0, 0, 10, 10, 0, 0, None, 0, 0, 3, 10, 20, 0, 0, None, None, 10, 0, 10, 10, 0]
 
-    def compare(self: Looks, conn: Conn, heard: list[store.Heard], *given: Any, **also: Any) -> None:
-        read.append(len(heard))
-        whole(self, conn, heard, *given, **also)
 
-    monkeypatch.setattr("conflictdb.jobs.looks._AT_ONCE", 4)
-    monkeypatch.setattr(Looks, "_compare_all", compare)
-    found = look(sea)
-    assert read == [4, 4, 3, 0]
-    assert found[next(iter(MEET))] in ("must", "may")
+def excursions(conn: Conn, monkeypatch: pytest.MonkeyPatch, at_once: int) -> list[tuple[Any, ...]]:
+    """Look at all positions, some at a time; return which alarms began and ended, and the last states."""
+    monkeypatch.setattr("conflictdb.jobs.looks._AT_ONCE", at_once)
+    conn.execute("DELETE FROM conflictdb.live_state")
+    conn.execute("DELETE FROM conflictdb.live_event")
+    conn.execute(
+        "UPDATE conflictdb.position_look SET seen = '2:2:', reading = NULL, scene_id = NULL, instant = NULL, key = NULL"
+    )
+    conn.commit()
+    looks, read = Looks(), list[int]()
+    while not read or looks.is_behind:
+        read.append(looks.look(conn, us(0), is_silence_due=False))
+    assert read == [at_once] * (42 // at_once) + [42 % at_once]
+    found = conn.execute(
+        "SELECT kind, key, other_key, verdict, reason FROM conflictdb.live_events ORDER BY event"
+    ).fetchall()
+    found += conn.execute(
+        "SELECT key, state, late_from_s, late_to_s, off_m FROM conflictdb.live ORDER BY key"
+    ).fetchall()
+    conn.execute("DELETE FROM conflictdb.live_conflict")
+    conn.commit()
+    return found
+
+
+def test_a_backlog_is_read_in_parts_and_gives_the_same_alarms(sea: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each part is committed; an excursion that is over by the end of a part raises its alarm, too."""
+    for n, late_min in enumerate(LATE_MIN):
+        sea.cursor().executemany(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', %s, %s, ST_SetSRID(ST_MakePoint(%s, %s), 4326))",
+            [
+                ("FERRY", BEGAN + timedelta(minutes=n), max(0.0, n - (late_min or 0)) / 60, 0.5 * (late_min is None)),
+                ("TOW", BEGAN + timedelta(minutes=n), 0.5, -0.5 + max(0, n - 10) / 60),
+            ],
+        )
+    sea.commit()
+    each = excursions(sea, monkeypatch, 1)
+    assert sum(row[0] == "begun" for row in each) == 3
+    for at_once in (5, 11, 40, 100):
+        assert excursions(sea, monkeypatch, at_once) == each

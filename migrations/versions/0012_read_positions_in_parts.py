@@ -1,4 +1,6 @@
-"""Replace routines."""
+"""Read large backlogs of positions in parts."""
+
+from alembic import op
 
 revision = "0012"
 down_revision = "0011"
@@ -12,8 +14,20 @@ routines_sha256 = "8650307c91af68e3ea6a9443a4fc1baaa67e5a1546d734ec3a6129825f56d
 changes_answers = False
 
 
+# Which transactions a look reads in parts, and up to which position.
+POSITION_LOOK = """
+ALTER TABLE conflictdb.position_look
+    ADD COLUMN IF NOT EXISTS reading pg_snapshot,
+    ADD COLUMN IF NOT EXISTS scene_id bigint,
+    ADD COLUMN IF NOT EXISTS instant timestamptz,
+    ADD COLUMN IF NOT EXISTS key text COLLATE "C",
+    DROP CONSTRAINT IF EXISTS position_look_parts,
+    ADD CONSTRAINT position_look_parts CHECK (num_nulls(reading, scene_id, instant, key) IN (0, 4))
+"""
+
+
 def upgrade() -> None:
-    """Change nothing: the upgrade installs sql/ after each revision."""
+    op.execute(POSITION_LOOK)
 
 
 def downgrade() -> None:
