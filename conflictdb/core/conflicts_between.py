@@ -46,9 +46,12 @@ def bounded(parts: Iterable[Conflicts]) -> Conflicts:
     return Conflicts.concatenate(found) if found else Conflicts.none()
 
 
-def conflicts_of(setup: Setup, met: Together) -> list[Conflict]:
-    """Return the conflicts of pairs that were collected, by the stages and in the order of `solve`."""
+def conflicts_of(setup: Setup, met: Together, *, has_approaches: bool = True) -> list[Conflict]:
+    """Return the conflicts of pairs that were collected, by the stages and in the order of `solve`.
+
+    has_approaches : see `run_stages`
+    """
     if not met.has_pairs:
         return []
-    parts = [part for part, _ in run_scene(setup, met)]
+    parts = [part for part, _ in run_scene(setup, met, has_approaches=has_approaches)]
     return to_results(setup.scene, met.named, Conflicts.concatenate(parts)) if parts else []

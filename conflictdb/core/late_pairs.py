@@ -36,7 +36,9 @@ class LatePairs(NamedTuple):
 
 
 def conflicts_if_late(setup: Setup, plans: Members, pairs: LatePairs) -> list[Conflict | None]:
-    """Return the conflict of each pair (n,); None without one, and for plans that are shifted out of the calendar.
+    """Return the conflict of each pair (n,), without its closest approach.
+
+    None without one, and for plans that are shifted out of the calendar.
 
     pairs : places in `plans.each`
     """
@@ -58,7 +60,7 @@ def conflicts_if_late(setup: Setup, plans: Members, pairs: LatePairs) -> list[Co
     a, b = pairs_together(both, PieceRows(row), PieceRows(len(first.pieces) + other), question.within_us)
     met = Together(first)
     met.add(second.pieces, second.of, second.each.__getitem__, a, b - len(first.pieces))
-    found = {frozenset((one.a_key, one.b_key)): one for one in conflicts_of(setup, met) if one.verdict != "near"}
+    found = {frozenset((one.a_key, one.b_key)): one for one in conflicts_of(setup, met, has_approaches=False)}
     keys = zip(first.each, second.each, strict=True)
     return [found.get(frozenset((one.key, another.key))) for one, another in keys]
 

@@ -50,11 +50,12 @@ def run_scene(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
+    has_approaches: bool = True,
 ) -> Iterator[tuple[Conflicts, Funnel]]:
     """Yield the conflicts among the pieces of a source and the counts, for each chunk of its pairs.
 
     setup : of the scene and of its pieces
-    jobs, progress : see `run_stages`
+    jobs, progress, has_approaches : see `run_stages`
     """
     decided = 0
     separations = Separations.of(setup.scene)
@@ -84,6 +85,7 @@ def run_scene(
                 source.footprints,
                 jobs=jobs,
                 progress=_after(decided, share, progress),
+                has_approaches=has_approaches,
             )
             clock = time.perf_counter()
             found = with_certainty(own_setup, own, found, source.plans)
@@ -115,6 +117,7 @@ def run_stages(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
+    has_approaches: bool = True,
 ) -> tuple[Conflicts, Funnel]:
     """Return the conflicts of pairs of pieces that passed stage 2, by stages 3 and 4 of the scene's method.
 
@@ -122,6 +125,7 @@ def run_stages(
     footprints : called for whole areas if contacts are shallow in all parts of one
     jobs : threads of the kernel
     progress : called with the number of decided pairs, and of all pairs
+    has_approaches : whether to find the closest approach of conflicts, and pairs that are only near
     """
     funnel = Funnel()
     started = time.perf_counter()
@@ -168,7 +172,7 @@ def run_stages(
             return Conflicts.none(), funnel
         funnel.met_pairs = int(np.count_nonzero(np.diff(every.pair, prepend=-1)))
         conflicts, meetings = merged(setup, prepared, pairs, every, footprints, jobs)
-    if method.solver is not None:
+    if method.solver is not None and has_approaches:
         conflicts = with_closest_approaches(
             setup.scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs
         )

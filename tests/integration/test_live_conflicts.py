@@ -15,7 +15,7 @@ from mixed_scenes import plain_scene
 from patience import WAIT_S
 
 from conflictdb import Area, Rule, Scene, Track, connect, solve, store
-from conflictdb.jobs import detect
+from conflictdb.jobs import detect, following
 from conflictdb.jobs.looks import Looks
 from conflictdb.model.plans import rectangle_outline_m
 from conflictdb.model.recurring_plans import later
@@ -84,6 +84,20 @@ def test_a_late_ferry_meets_the_tow(conn: Conn) -> None:
     # On plan again: it ends by itself.
     put(conn, "FERRY", 29.5, 29.5 / 60, 0)
     assert look(conn, 29.5) == {}
+
+
+def test_alarms_need_no_closest_approach(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It took most of the time of looks at late aircraft."""
+    detected(
+        conn,
+        [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)],
+        delays_within_s=3600,
+        separation_m=500,
+        nearest_m=5000,
+    )
+    monkeypatch.delattr("conflictdb.core.run.with_closest_approaches")
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    assert [(pair, row[0]) for pair, row in look(conn, 28).items()] == [(("FERRY", "TOW"), "must")]
 
 
 def test_alarms_that_began_and_ended_are_recorded_and_pruned(conn: Conn) -> None:
@@ -334,6 +348,27 @@ def test_a_silent_track_may_still_meet_what_it_should_have_passed(conn: Conn) ->
     ((pair, (verdict, _, first, *_)),) = look(conn, 45).items()
     assert (pair, verdict) == (("FERRY", "DIVING"), "may")
     assert abs((first - BEGAN).total_seconds() - 55 * 60) < 120
+
+
+def test_what_follows_from_silence_is_looked_up_once_a_minute(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A minute ahead, so that a look in between misses nothing."""
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=7200)
+    put(conn, "FERRY", 20, 20 / 60, 0)
+    look(conn, 20)
+    followed = []
+
+    def follow(*given: Any) -> None:
+        followed.append(list(given[3]))
+        following.follow(*given)
+
+    monkeypatch.setattr("conflictdb.jobs.looks.follow", follow)
+    ends: list[float] = []
+    for n in range(19):
+        look(conn, 31 + n / 6)
+        (late_to_s,) = conn.execute("SELECT late_to_s FROM conflictdb.live").fetchone() or ()
+        ends.append(late_to_s - ends[0] if ends else late_to_s)
+    assert ends[1:] == [60.0] * 6 + [120.0] * 6 + [180.0] * 6
+    assert followed == [["FERRY"]] * 4
 
 
 @pytest.mark.parametrize("draws", [6, pytest.param(150, marks=pytest.mark.slow)])
