@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8650307c91af68e3ea6a9443a4fc1baaa67e5a1546d734ec3a6129825f56da5c"
+routines_sha256 = "69fbb75581389580033ec269ce4760af1fd7f7a2254e75cd785b3df5c80d7bf2"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
