@@ -376,7 +376,7 @@ class StoredScene:
         Raises
         ------
         InvalidInput
-            One of the tracks does not exist.
+            One of the tracks does not exist, or `conflictdb.certify` refuses its delays.
         NotCurrent
             Changes wait for a detection.
         StoreError

@@ -686,30 +686,38 @@ class Checker:
     """
 
     def __init__(self, given: dict[str, list[Any]]) -> None:
-        self.scene = scene = _Scene(given)
-        self.counts, self.unproven, self.unchecked = Counter[str](), list[str](), scene.unchecked
+        self.scene = _Scene(given)
+        self.counts, self.unproven, self.unchecked = Counter[str](), list[str](), self.scene.unchecked
         self.reported: dict[Any, tuple[str, list[Range], float]] = {}
-        for one in (one for one in given["verdicts"] if "delay" not in one):
-            pair, verdict = tuple(sorted((scene.keys[one["a"]], scene.keys[one["b"]]))), one["verdict"]
-            periods = [(_instant(a, -inf), _instant(b, inf)) for a, b in one["periods"]]
-            is_known = (
-                pair[0] != pair[1] and verdict in ("conflict", "grazing", "unresolved") and pair not in self.reported
-            )
-            if not is_known or not periods or any(a > b for a, b in periods) or not one["time_error_s"] >= 0:
-                raise Refused(f"the verdict on {one['a']!r} and {one['b']!r} is none, or given twice")
-            self.reported[pair] = verdict, periods, one["time_error_s"]
         self.steps: dict[tuple[int, ...], str] = {}
         self.contacts = defaultdict[Any, list[Any]](list)
+        for one in given["verdicts"]:
+            self.read_verdict(one)
         for line in given["proofs"]:
-            if line.startswith('["'):
-                kind, p, q, turns, *rest = json.loads(line)
-                one, other = scene.pieces[p], scene.pieces[q]
-                late, pair = max(one.late, other.late), tuple(sorted((one.of, other.of)))
-                if not isinstance(turns, int) or (late >= 0) != (kind == "late"):
-                    raise Refused(f"{turns} is no whole number of turns, or a delayed object shows a conflict")
-                self.contacts[late if kind == "late" else pair].append((kind == "deep", one, other, turns, *rest))
-            else:
-                self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
+            self.read_proof(line)
+
+    def read_verdict(self, one: Any) -> None:
+        """Note what is reported of two objects."""
+        if "delay" not in one:
+            pair, verdict = tuple(sorted((self.scene.keys[one["a"]], self.scene.keys[one["b"]]))), one["verdict"]
+            periods = [(_instant(a, -inf), _instant(b, inf)) for a, b in one["periods"]]
+            is_known = pair[0] != pair[1] and verdict in ("conflict", "grazing", "unresolved")
+            is_ordered = bool(periods) and all(a <= b for a, b in periods)
+            if not is_known or pair in self.reported or not is_ordered or not one["time_error_s"] >= 0:
+                raise Refused(f"the verdict on {one['a']!r} and {one['b']!r} is none, or given twice")
+            self.reported[pair] = verdict, periods, one["time_error_s"]
+
+    def read_proof(self, line: str) -> None:
+        """Note the steps, or a contact, of two pieces."""
+        if not line.startswith('["'):
+            self.steps[tuple(int(number) for number in line[1:].split(",", 3)[:3])] = line
+            return
+        kind, p, q, turns, *rest = json.loads(line)
+        one, other = self.scene.pieces[p], self.scene.pieces[q]
+        late, pair = max(one.late, other.late), tuple(sorted((one.of, other.of)))
+        if not isinstance(turns, int) or (late >= 0) != (kind == "late"):
+            raise Refused(f"{turns} is no whole number of turns, or a delayed object shows a conflict")
+        self.contacts[late if kind == "late" else pair].append((kind == "deep", one, other, turns, *rest))
 
     def run(self) -> None:
         """Check that every pair is apart except during its reported conflicts, and that these are true."""

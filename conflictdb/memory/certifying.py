@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from conflictdb.core.proofs import Delayed, Late, ProofCounts, Reported, proofs_of
 from conflictdb.core.world import Occupied, World, occupy
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.proof_file import proof_lines
 from conflictdb.formats.writing import write_lines
 from conflictdb.memory.questions import delays as delays_of
@@ -46,13 +47,13 @@ def certify(
         Threads to compute in. Does not change the proofs.
     delays : collection of str
         Keys of tracks whose least later departures (`delays`) are proven, too: the track is in contact with nothing
-        then, and with something if it departs earlier by an error of some microseconds. Nothing is proven of schedules,
-        of tracks that wait first, and of those that no delay of two hours frees.
+        then, and with something if it departs earlier by an error of some microseconds. Nothing is proven of tracks
+        that wait first, and of those that no delay of two hours frees.
 
     Raises
     ------
     InvalidInput
-        As `solve`, and for an unknown key.
+        As `solve`, and for the key of an area, of a track with a schedule or tolerances, or of nothing.
     """
     delays = inputs.keys("certify", "delays", delays)
     world, tracks, areas = world_of("certify", tracks, areas, scene)
@@ -96,20 +97,25 @@ def _least(world: World, occupied: Occupied, keys: Collection[str]) -> tuple[lis
     """Return the least delays of tracks that are in conflict as planned, and how many have one."""
     plans, found = occupied.plans(), []
     place = {one.key: k for k, one in enumerate(plans)}
+    for key in keys:
+        if key in place and not _may_depart(plans[place[key]]):
+            has = "is an area" if place[key] < len(occupied.areas) else "has a schedule or tolerances"
+            rule = f"{key!r} {has}: only least delays of other tracks are proven; leave it out"
+            raise InvalidInput("certify", "delays", rule)
     rows = delays_of(occupied.tracks, occupied.areas, world.setup.scene, key=list(keys))
     rows = [one for one in rows if one.least_later_s]
     for one in rows:
-        track, least_s = plans[place[one.key]], one.least_later_s
+        least_s = one.least_later_s
         ends = [span for span in one.forbidden if least_s and abs(span.to_s - least_s) < _NEXT_S]
-        if least_s and ends and isinstance(track, Track) and _may_depart(track) and not one.waits:
+        if least_s and ends and not one.waits:
             error_us = math.ceil(1e6 * (least_s - ends[-1].to_s + ends[-1].to_error_s)) + 1
             least_us = round(1e6 * least_s)
             found.append(Delayed(place[one.key], least_us, min(error_us, least_us)))
     return found, len(rows)
 
 
-def _may_depart(track: Track) -> bool:
-    return track.schedule is None and track.tolerances is None
+def _may_depart(plan: Area | Track) -> bool:
+    return isinstance(plan, Track) and plan.schedule is None and plan.tolerances is None
 
 
 def _delayed(occupied: Occupied, one: Delayed, by_us: int) -> Track:

@@ -23,7 +23,7 @@ from mixed_scenes import plain_scene
 from patience import WAIT_S
 
 from conflictdb import Area, Scene, Track, certify, delays, solve
-from conflictdb.errors import IncompleteWarning
+from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.formats import check_proof
 from conflictdb.kernel import build, library
 
@@ -255,6 +255,18 @@ def test_least_delays_are_proven(tmp_path: Path, seed: int, more: dict[str, floa
     lines = [one for one in parts["verdicts"] if "delay" in one]
     assert {one["delay"]: one["least_us"] / 1e6 for one in lines} == {key: one for key, one in least.items() if one}
     assert all(one["error_us"] < 1000 for one in lines)
+
+
+def test_least_delays_without_proof_are_refused(tmp_path: Path) -> None:
+    """One sentence for each plan whose delay is another motion than that of a track."""
+    area = Area("closed", shapely.box(5.2, 55.9, 5.3, 56.1), start_us=0, end_us=3_600_000_000)
+    given = SHIP.positions_deg, SHIP.times_us, SHIP.outline_m
+    daily = {"periods": [["10:00", "11:00"]], "timezone": "UTC", "from": "2026-12-01"}
+    tracks = [Track("daily", *given, schedule=daily), Track("wide", *given, tolerances={"xtd_port_m": [5.0]})]
+    for key, why in (("closed", "is an area"), ("daily", "has a schedule"), ("wide", "or tolerances")):
+        with quietly(), pytest.raises(InvalidInput, match=f"{key!r} .*{why}.*leave it out"):
+            certify(tracks, [area], tmp_path / "proof", delays=[key])
+        assert not (tmp_path / "proof").exists()
 
 
 def test_forged_least_delays_are_refused(tmp_path: Path) -> None:
