@@ -18,21 +18,29 @@ from conflictdb.core.near import Question
 from conflictdb.core.pieces.covers import pieces_of
 from conflictdb.core.world import Reach, has_schedules, is_within, touched
 from conflictdb.earth.registry import Setup
+from conflictdb.model.margin import NO_MARGIN, Margin
 from conflictdb.model.plans import Area, Scene, Track
 
 
 def read_departing(
-    conn: psycopg.Connection[Any], scene: str, key: str, within_s: float, *, at_any_height: bool = False
+    conn: psycopg.Connection[Any],
+    scene: str,
+    key: str,
+    within_s: float,
+    within_m: float = 0.0,
+    *,
+    at_any_height: bool = False,
 ) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene, a track, and what it may meet if it departs up to `within_s` earlier or later.
 
+    within_m : also what it may come within this of, beyond the separations, metres
     at_any_height : also what is at other heights
 
     Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
     most_us = round(1e6 * within_s)
     question = Question(earlier_us=most_us, later_us=most_us, any_height=at_any_height)
-    return read_if_moved(conn, scene, key, lambda _: question)
+    return read_if_moved(conn, scene, key, lambda _: question, within_m)
 
 
 def read_near(
@@ -51,9 +59,15 @@ def read_near(
     return _read(conn, scene, keys)
 
 
-def read_around(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene and what a plan, stored or not, may meet; raises InvalidInput if the scene does not exist."""
-    return _read(conn, scene, lambda: _around(conn, scene, plan, Question()))
+def read_around(
+    conn: psycopg.Connection[Any], scene: str, plan: Area | Track, margin: Margin = NO_MARGIN
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and what a plan, stored or not, may meet with a margin.
+
+    Raises InvalidInput if the scene does not exist.
+    """
+    question = Question(earlier_us=margin.time_us, later_us=margin.time_us)
+    return _read(conn, scene, lambda: _around(conn, scene, plan, question, margin.distance_m))
 
 
 def read_if_moved(

@@ -23,6 +23,7 @@ from conflictdb.map import content, editing, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.views import SceneView, SceneViews
+from conflictdb.model.margin import Margin
 from conflictdb.plot import land
 
 Connection = psycopg.Connection[Any]
@@ -204,10 +205,11 @@ class Answers:
         Or of any object, with `near_m`, and of what comes so near as it is planned.
         """
         key, near_m = _parameter(request, "key") or "", _parameter(request, "near_m")
-        within_s = _number("within_s", _parameter(request, "within_s") or "0", _LONGEST_S)
+        within_s = _number("within_s", _parameter(request, "within_s") or "0", what_if.LONGEST_S)
+        margin_m = _number("margin_m", _parameter(request, "margin_m") or "0", _FARTHEST_M)
         with self.connections.one() as connection:
             if near_m is None:
-                packed = what_if.packed_departing(connection, self._name(request), key, within_s)
+                packed = what_if.packed_departing(connection, self._name(request), key, within_s, margin_m)
             else:
                 within_m = _number("near_m", near_m, _FARTHEST_M)
                 packed = what_if.packed_near(connection, self._name(request), key, within_m)
@@ -267,9 +269,11 @@ class Answers:
         return _json({})
 
     def probe(self, request: Request, asked: Mapping[str, Any]) -> Response:
-        """Return the conflicts that a plan would have as the page moved it; stores nothing."""
+        """Return what a plan would meet as the page moved it, with a margin; stores nothing."""
+        limits = {"margin_s": _LONGEST_S, "margin_m": _FARTHEST_M}
+        margin = Margin.of("probe", *(_real(name, asked.get(name, 0), most) for name, most in limits.items()))
         with self.connections.one() as connection:
-            return _json(editing.probed(connection, self._name(request), _move(asked)))
+            return _json(editing.probed(connection, self._name(request), _move(asked), margin))
 
     def move(self, request: Request, asked: Mapping[str, Any]) -> Response:
         """Store a plan that the page moved, in the scene or in a new branch of it; return its digest."""

@@ -19,6 +19,7 @@ from conflictdb.jobs import probes
 from conflictdb.jobs.detect import detect
 from conflictdb.jobs.plans_near import read_around
 from conflictdb.map.content import to_json
+from conflictdb.model.margin import NO_MARGIN, Margin
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
@@ -118,10 +119,11 @@ def _higher(track: Track, up_m: float) -> dict[str, Any]:
     return heights
 
 
-def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tuple[Any, ...]]:
-    """Return the conflicts that a moved plan would have: other key, verdict, error, and periods (Unix seconds).
+def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove, margin: Margin = NO_MARGIN) -> dict[str, Any]:
+    """Return the `conflicts` that a moved plan would have: other key, verdict, error, and periods (Unix seconds).
 
-    By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
+    Without conflicts, `nearer` has the keys of the objects within the margin of it. By the stages of a detection.
+    Raises as `put`, and StoreError if a transaction is open; stores nothing.
     """
     settings, plan = _seen(conn, scene, move)
     if isinstance(plan, Track) and plan.schedule is not None and move.later_us:
@@ -129,9 +131,9 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
     plan = _moved(settings, plan, move)
     is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
     found = _met(*read_around(conn, scene, plan), plan) if is_branch else probes.probe(conn, scene, [plan])
-    return [
+    conflicts = [
         (
-            one.b_key if one.a_key == move.key else one.a_key,
+            _other(one, plan),
             str(one.verdict),
             one.time_error_s,
             [[None if end is None else end.timestamp() for end in period] for period in one.periods],
@@ -139,6 +141,19 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
         for one in found
         if one.periods
     ]
+    nearer = _within(conn, scene, plan, margin) if margin and not conflicts else []
+    return {"conflicts": conflicts, "nearer": nearer}
+
+
+def _within(conn: psycopg.Connection[Any], scene: str, plan: Area | Track, margin: Margin) -> list[str]:
+    """Return the keys of the objects that a plan comes nearer to than the separations and a margin."""
+    settings, areas, tracks = read_around(conn, scene, plan, margin)
+    found = _met(margin.added_to(settings), areas, tracks, plan)
+    return sorted(_other(one, plan) for one in found if one.periods)
+
+
+def _other(conflict: Conflict, plan: Area | Track) -> str:
+    return conflict.b_key if conflict.a_key == plan.key else conflict.a_key
 
 
 def _expanded(conn: psycopg.Connection[Any], scene: str, track: Track, later_us: int) -> Track:

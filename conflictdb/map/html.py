@@ -91,7 +91,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         "table": content.table(conn, scene),
         "heights": content.heights(conn, scene),
         "pairs": pairs,
-        "pieces": base64.b64encode(what_if.packed(*read)).decode(),
+        "pieces": base64.b64encode(what_if.packed_whole(*read)).decode(),
         "owners": content.owned(*read[1:]),
         "land": json.loads(land.geojson(land.COARSE, land.WORLD, near)),
         "near_land": near and json.loads(land.geojson(land.FINE, near)),

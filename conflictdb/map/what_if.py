@@ -22,29 +22,36 @@ from conflictdb.jobs.plans_near import read_departing, read_near
 from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
 from conflictdb.memory.questions import numbered
+from conflictdb.model.margin import Margin
 from conflictdb.model.methods import METHODS, Solver
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
 from conflictdb.model.tolerances import windows_later
 
 _LENGTH: Final = struct.Struct("<I")
 # Arrays begin at multiples of this, as typed arrays must.
 _ALIGNED: Final = 8
-# The page moves departures by a day at most.
-_MOST_LATER_US: Final = 86_400_000_000
+# The page moves departures by a day at most, and looks this much further for its longest margin, seconds.
+LONGEST_S: Final = 86_400 + 1_800
+# The largest margin of the page, metres: five nautical miles.
+_MOST_MARGIN_M: Final = 9_260.0
 # The page computes with doubles: instants this far from the first one and beyond count as unbounded, microseconds.
 _UNBOUNDED_US: Final = 2**52
 _INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
 
 
-def packed_departing(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
+def packed_departing(
+    conn: psycopg.Connection[Any], scene: str, key: str, within_s: float, margin_m: float = 0.0
+) -> bytes:
     """Pack the pieces of a track, and of what it may meet at any height, departing at most `within_s` earlier or later.
+
+    margin_m : also what it may meet with this margin
 
     Raises InvalidInput if the scene or the track does not exist.
     """
-    settings, areas, tracks = read_departing(conn, scene, key, within_s, at_any_height=True)
+    settings, areas, tracks = read_departing(conn, scene, key, within_s, margin_m, at_any_height=True)
     if all(track.key != key for track in tracks):
         raise InvalidInput(f"scene {scene!r}", "track", f"{key!r} is not known")
-    return packed(settings, areas, tracks, {key})
+    return packed(settings, areas, tracks, {key}, margin_m)
 
 
 def packed_near(conn: psycopg.Connection[Any], scene: str, key: str, within_m: float) -> bytes:
@@ -58,7 +65,20 @@ def packed_near(conn: psycopg.Connection[Any], scene: str, key: str, within_m: f
     return packed(settings, areas, tracks, ())
 
 
-def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
+def packed_whole(scene: Scene, areas: list[Area], tracks: list[Track]) -> bytes:
+    """Pack all pieces of a scene, for each margin of the page that its separations leave room for."""
+    return packed(
+        scene, areas, tracks, margin_m=max(0.0, min(_MOST_MARGIN_M, MAX_DISTANCE_M - scene.largest_separation_m))
+    )
+
+
+def packed(
+    scene: Scene,
+    areas: list[Area],
+    tracks: list[Track],
+    moved: Container[str] | None = None,
+    margin_m: float = 0.0,
+) -> bytes:
     """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
 
     The head has what the kernel takes, `settings` (required separations), `of_types` (the number of the settings of two
@@ -69,11 +89,13 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     each array. Heights are given for all pieces under the first settings, then under the next.
 
     moved : keys of the tracks that may be moved; None: all
+    margin_m : the pieces are cut for margins of up to this, which `settings` do not have
     """
-    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, Reach.either(_MOST_LATER_US))
+    cut_for = Margin(0, margin_m).added_to(scene)
+    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, cut_for, Reach.either(1_000_000 * LONGEST_S))
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
-    separations = Separations.of(setup.scene)
+    separations = Separations.of(scene)
     by_settings = [separations.of_settings(one, pieces) for one in separations.settings]
     _, owner = np.unique(pieces.owner_number, return_inverse=True)
     objects, which = np.unique(object_numbers(pieces), return_inverse=True)
@@ -115,6 +137,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "of_types": separations.of_types.tolist(),
         "has_margins": bool(separations.vertical_m.any()),
         "intervals": str(setup.scene.intervals),
+        "margin_m": margin_m,
         "reach_m": max(one.reach_m for one in separations.settings),
         "turn_m": setup.plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],

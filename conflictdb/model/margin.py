@@ -62,3 +62,6 @@ class Margin:
         parts = [duration_text(self.time_us)] if self.time_us else []
         parts += [units.given_distance(self.distance_m)] if self.distance_m else []
         return f"clear by {' and '.join(parts)}" if parts else "clear, no margin"
+
+
+NO_MARGIN: Final = Margin()

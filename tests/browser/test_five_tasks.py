@@ -1,7 +1,7 @@
 """Five tasks of a planner on the page of `conflictdb map`, counted in clicks and keys; a typed word counts once."""
 
 import psycopg
-from browsing import Open, rows
+from browsing import Open, rows, wait_until
 from playwright.sync_api import Locator, Page, expect
 
 import conflictdb
@@ -107,6 +107,9 @@ def test_print_in_two(open_strait: Open) -> None:
     hands.click(page.get_by_role("button", name="FERRY and TOW"))
     expect(page.locator("svg.plan")).to_be_visible()
     expect(page.locator("svg.chart")).to_be_visible()
+    page.evaluate("window.print = () => { window.isPrinted = true; }")
     hands.press("Control+p")
+    wait_until(page, "window.isPrinted")
+    page.evaluate("delete window.print, delete window.isPrinted")
     assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
     assert hands.count <= 2

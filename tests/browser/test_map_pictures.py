@@ -126,11 +126,15 @@ def test_a_plan_that_may_move_is_printed_when_it_is_drawn_for_paper(open_strait:
         const {map} = conflictdbPage.view;
         window.printed = [document.documentElement.dataset.theme, map.loaded() && map.areTilesLoaded()];
     }""")
-    page.get_by_role("button", name="Print", exact=True).click()
-    wait_until(page, "'printed' in window")
-    assert page.evaluate("window.printed") == ["light", True]
-    wait_until(page, "document.documentElement.dataset.theme === 'dark'")
-    page.evaluate("delete window.print, delete window.printed")
+    prints = page.get_by_role("button", name="Print", exact=True)
+    words = page.get_by_role("combobox", name="Object")
+    for begin in (prints.click, lambda: prints.press("Meta+P"), lambda: words.press("Control+p")):
+        begin()
+        wait_until(page, "'printed' in window")
+        assert page.evaluate("window.printed") == ["light", True]
+        wait_until(page, "document.documentElement.dataset.theme === 'dark'")
+        page.evaluate("delete window.printed")
+    page.evaluate("delete window.print")
     page.emulate_media(media="print", color_scheme="dark")
     expect(page.locator(".what-if .said")).to_be_visible()
     for gone in (*page.locator(".handle").all(), *sliders.all(), page.locator(".what-if .heights")):

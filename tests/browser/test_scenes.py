@@ -91,16 +91,39 @@ def assert_scenes_are_shown(page: Page, dsn: str, gone: Page) -> None:
 
 
 def assert_branches_are_dropped_and_merged(page: Page, dsn: str) -> None:
-    """Each by two clicks; then the page shows the parent."""
+    """Each by two clicks; then the page shows the parent. A change by others in between asks again."""
     with conflictdb.connect(dsn) as db:
-        branch = db.scene("strait").branch("without cable")
-        branch.delete_objects("CABLE")
-        branch.detect()
-    expect(page.get_by_role("button", name="Drop")).to_be_hidden()
+        for name in ("without cable", "gone"):
+            branch = db.scene("strait").branch(name)
+            branch.delete_objects("CABLE")
+            branch.detect()
+        kept = sorted(one.key for one in db.scene("strait").objects())
+    drop, sure = (page.get_by_role("button", name=name, exact=True) for name in ("Drop", "Drop: sure?"))
+    expect(drop).to_be_hidden()
+    before = rows(page)
     page.get_by_label("Scene").select_option("no ferry")
     opened(page, "no ferry")
-    page.get_by_role("button", name="Drop", exact=True).click()
-    page.get_by_role("button", name="Drop: sure?").click()
+    drop.click()
+    expect(sure).to_be_visible()
+    with conflictdb.connect(dsn) as db:
+        db.scene("no ferry").delete_objects("CABLE")
+    expect(drop).to_be_visible()
+    drop.click()
+    sure.click()
+    opened(page, "strait")
+    assert rows(page) == before
+    with conflictdb.connect(dsn) as db:
+        assert sorted(one.key for one in db.scene("strait").objects()) == kept
+        assert "no ferry" not in {one.scene.name for one in db.scenes()}
+    page.get_by_label("Scene").focus()
+    page.get_by_label("Scene").select_option("gone")
+    opened(page, "gone")
+    expect(drop).to_be_visible()
+    with conflictdb.connect(dsn) as db:
+        db.scene("gone").drop()
+    expect(page.locator("#state")).to_have_text("it was deleted, renamed or unshared")
+    expect(drop).to_be_hidden()
+    page.go_back()
     opened(page, "strait")
     page.get_by_label("Scene").focus()
     page.get_by_label("Scene").select_option("without cable")

@@ -120,10 +120,12 @@ def assert_a_moved_track_shows_what_goes_and_what_comes(page: Page, conn: Conn, 
     expect(page.locator(".what-if .said")).to_have_text(
         "Departs 06:07, 1 h 8 min earlier: 3 fewer, none new; clear by 36 s."
     )
-    page.get_by_label("Margin").select_option("300")
+    margin = page.get_by_label("Margin")
+    margin.select_option(label="margin 5 min")
     page.get_by_role("button", name="Clear 1 h 13 min earlier: departs 06:02").click()
     said(page, "1 h 13 min earlier: 3 fewer, none new; clear by 5 min 36 s.")
-    page.get_by_label("Margin").select_option("0")
+    assert_a_margin_in_distance_is_that_of_delays(page, dsn)
+    margin.select_option(label="no margin")
     page.get_by_role("button", name="Clear 1 h 8 min earlier: departs 06:07").click()
     assert page.evaluate("conflictdbPage.havens.plan.laterUs") == -4_080_000_000
     page.locator(".what-if canvas").scroll_into_view_if_needed()
@@ -150,6 +152,26 @@ def assert_a_moved_track_shows_what_goes_and_what_comes(page: Page, conn: Conn, 
     times = [at.removesuffix("Z") for at in feature["properties"]["times"]]
     moved_us = np.array(times, "datetime64[us]").astype(np.int64)
     assert np.abs(moved_us - track.times_us).max() <= 1  # the database has seconds, as doubles
+
+
+def assert_a_margin_in_distance_is_that_of_delays(page: Page, dsn: str) -> None:
+    """Pieces are read again, which reach farther; the chosen margin stays in other units."""
+    with conflictdb.connect(dsn) as db:
+        [found] = db.scene("strait").delays("FERRY", within_s=10_800.0, margin_m=1852.0)
+    assert found.least_earlier_s is not None
+    assert 70 * 60 < found.least_earlier_s < 71 * 60
+    margin = page.get_by_label("Margin")
+    margin.select_option(label="margin 1 nmi")
+    button = page.get_by_role("button", name="Clear 1 h 11 min earlier: departs 06:04")
+    page.get_by_role("slider", name="Departure").fill(str(-70 * 60))
+    said(page, "1 h 10 min earlier: 3 fewer, none new; clear, not by 1 nmi (FIRING).")
+    page.locator("#menu summary").click()
+    page.get_by_label("Units").select_option("metric")
+    said(page, "1 h 10 min earlier: 3 fewer, none new; clear, not by 1852 m (FIRING).")
+    expect(margin.locator("option:checked")).to_have_text("margin 1852 m")
+    page.get_by_label("Units").select_option("nautical")
+    button.click()
+    said(page, "1 h 11 min earlier: 3 fewer, none new; clear by 1 nmi.")
 
 
 def conflicts_of(dsn: str, scene: str, key: str) -> list[str]:

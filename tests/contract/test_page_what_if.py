@@ -1,5 +1,6 @@
 """The page computes what a track would meet that departs at another time: as a detection of a copy does."""
 
+import base64
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -11,7 +12,7 @@ import pytest
 import shapely
 from layouts import EQUATOR, GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload
 from mixed_scenes import plain_scene
-from page_in_node import HORIZON_US, answers_of_page
+from page_in_node import HORIZON_US, answers_of_page, run_page
 from ruled import CLASSES, random_rules
 
 import conflictdb
@@ -210,6 +211,54 @@ def test_separation_rules_count_as_in_a_detection(tmp_path: Path) -> None:
 def test_many_moved_tracks_of_classes_meet_what_detections_find(tmp_path: Path) -> None:
     some = [by_class(workload, seed) for workload in WORKLOADS for seed in range(90, 94)]
     check(tmp_path, 12, some, 4, (-40.0, -10.1, 0.0, 7.0, 25.3))
+
+
+# Prints what a margin forbids to each key: [key, spans] each.
+MARGINS: Final = """
+import { readFileSync } from "node:fs";
+import { Kernel } from "./kernel.mjs";
+import { unpackPieces, withMargin } from "./near.mjs";
+import { union, WhatIf } from "./what_if.mjs";
+const kernel = await Kernel.of(readFileSync("kernel.wasm"));
+const { horizon, scenes } = JSON.parse(readFileSync(0));
+console.log(JSON.stringify(scenes.map(([text, margin, keys]) => {
+  const pack = withMargin(unpackPieces(new Uint8Array(Buffer.from(text, "base64")).buffer), margin);
+  return keys.map((key) => union([...new WhatIf(kernel, pack, key).forbidden(horizon).values()].flat()));
+})));
+"""
+
+
+def test_margins_forbid_what_they_forbid_to_delays(tmp_path: Path) -> None:
+    """Margins in time and in distance, also with rules, and across the date line; of pieces cut for it, or more."""
+    horizon_s, asked, wanted = HORIZON_US / 1e6, [], []
+    plans = [scenes_of(workload, seed) for seed, workload in enumerate(WORKLOADS)]
+    plans += [by_class(workload, 70 + seed) for seed, workload in enumerate((LOW_LATITUDE, SEAM))]
+    for nth, (scene, areas, tracks) in enumerate(plans):
+        s, m = [(0.0, 185.2), (300.0, 0.0), (0.0, 2000.0)][nth % 3]
+        pack = what_if.packed_whole(scene, areas, tracks) if nth % 2 else what_if.packed(scene, areas, tracks, None, m)
+        keys = [track.key for track in tracks[:4]]
+        asked.append([base64.b64encode(pack).decode(), {"s": s, "m": m}, keys])
+        for key in keys:
+            [found] = conflictdb.delays(tracks, areas, scene, key=key, within_s=horizon_s, margin_s=s, margin_m=m)
+            wanted.append((scene.name, key, [(one.from_s, one.to_s) for one in found.forbidden]))
+    answers = run_page(tmp_path, MARGINS, {"horizon": HORIZON_US, "scenes": asked})
+    spans = [joined([(low / 1e6, high / 1e6) for low, high in own]) for scene in answers for own in scene]
+    assert sum(map(len, spans)) > len(plans)
+    for (name, key, own), page in zip(wanted, spans, strict=True):
+        expected = joined([(max(-horizon_s, low), min(horizon_s, high)) for low, high in own])
+        assert len(page) == len(expected), (name, key, page, expected)
+        assert np.abs(np.array(page) - np.array(expected)).max(initial=0.0) <= 1e-3, (name, key, page, expected)
+
+
+def joined(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The union of spans, of which some are less than a millisecond apart."""
+    made: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if made and low <= made[-1][1] + 1e-3:
+            made[-1] = made[-1][0], max(made[-1][1], high)
+        else:
+            made.append((low, high))
+    return made
 
 
 def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:

@@ -23,10 +23,10 @@ def plan_of(client: Client, key: str) -> str:
     return str(json.loads(packed[4 : 4 + int.from_bytes(packed[:4], "little")])["digests"][key])
 
 
-def post(client: Client, asked: object, **more: str | None) -> tuple[int, Any]:
+def post(client: Client, asked: object, path: str = "/api/move", **more: str | None) -> tuple[int, Any]:
     secret = client.read("/api/scene")["secret"]
     good = {"X_Conflictdb_Secret": secret, "Content_Type": "application/json", "Origin": f"http://{client.host}"}
-    status, body, _ = client.ask("POST", "/api/move", asked, **{**good, **more})
+    status, body, _ = client.ask("POST", path, asked, **{**good, **more})
     return status, json.loads(body)
 
 
@@ -55,6 +55,35 @@ def test_only_the_page_moves_what_it_shows(strait: Client, conn: psycopg.Connect
     assert conn.execute(SHAPE).fetchall() != before
     status, said = post(strait, asked)
     assert (status, "changed meanwhile" in said["error"]) == (400, True)
+
+
+def test_a_probe_with_a_margin_names_what_is_nearer(strait: Client, dsn: str) -> None:
+    """In a scene and a branch, as `delays` has the margin: by time and by distance, of tracks and areas."""
+    with conflictdb.connect(dsn) as db:
+        scene = db.scene("strait")
+        scene.branch("b").detect()
+        [by_m] = scene.delays("FERRY", within_s=10_800.0, margin_m=1852.0)
+        [by_s] = scene.delays("FERRY", within_s=10_800.0, margin_s=300.0)
+    ferry = {"key": "FERRY", "plan": plan_of(strait, "FERRY")}
+    assert by_m.least_earlier_s is not None
+    assert by_s.least_earlier_s is not None
+    for scene_name in ("strait", "b"):
+        path = f"/api/probe?scene={scene_name}"
+        clear = ({"margin_m": 1852.0}, by_m.least_earlier_s), ({"margin_s": 300.0}, by_s.least_earlier_s)
+        for margin, clear_s in clear:
+            for more_s, nearer in ((-1.0, ["FIRING"]), (0.0, [])):
+                move = {**ferry, **margin, "later_us": -round(1e6 * (clear_s + more_s))}
+                assert post(strait, move, path) == (200, {"conflicts": [], "nearer": nearer})
+        status, found = post(strait, {**ferry, "margin_m": 1852.0}, path)
+        assert (status, len(found["conflicts"]), found["nearer"]) == (200, 3, [])
+        plan = strait.read("/api/plan?key=DIVING")["plan"]
+        area = {"key": "DIVING", "plan": plan, "shift_deg": [9.0, 57.0, 9.0, 60.0]}
+        assert post(strait, area, path) == (200, {"conflicts": [], "nearer": []})
+        assert "FERRY" in post(strait, {**area, "margin_m": 500_000.0}, path)[1]["nearer"]
+    for wrong in ({"margin_m": -1}, {"margin_m": 2e6}, {"margin_s": "1"}, {"margin_s": None}):
+        assert post(strait, {**ferry, **wrong}, "/api/probe")[0] == 400, wrong
+    for wrong_m in ("-1", "NaN", "1.5", "1000001"):
+        assert strait.ask("GET", f"/api/pieces?key=FERRY&margin_m={wrong_m}")[0] == 400
 
 
 def test_a_moved_waypoint_and_a_branch_with_any_name(strait: Client, dsn: str) -> None:

@@ -290,10 +290,10 @@ def test_the_page_reads_what_a_moved_plan_may_meet(db: Database) -> None:
     branch.detect()
     later = editing.PlanMove("T", editing.digest(voyage()), 2 * HOUR_US, 0.0, None, None)
     for name in ("s", "b"):
-        assert [row[0] for row in editing.probed(db.connection, name, later)] == ["S"]
+        assert [row[0] for row in editing.probed(db.connection, name, later)["conflicts"]] == ["S"]
     beyond = replace(later, later_us=3 * HOUR_US + HOUR_US // 2)
     for name in ("s", "b"):
-        assert sorted(row[0] for row in editing.probed(db.connection, name, beyond)) == ["B", "S"]
+        assert sorted(row[0] for row in editing.probed(db.connection, name, beyond)["conflicts"]) == ["B", "S"]
 
 
 def test_a_probe_of_sql_says_where_schedules_are_missing(db: Database) -> None:

@@ -43,6 +43,7 @@ import { Timeline } from "./timeline.js";
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const DEPTHS_MS = 1500; // for so long a map that is open waits for depths before it is shown without
+const PAPER_MS = 5000; // for so long a map that is printed may load and draw
 const MOST_WAYPOINTS = 50; // of a track, that can be dragged
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
@@ -117,6 +118,7 @@ class Page {
       handle: (place) => this.view.showHandles(place && [{ name: "Area", lon: place[0], lat: place[1] }], (_, lon, lat) => this.areaMove.movePlace(lon, lat)),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
+    this.isPrinting = false;
     this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
@@ -380,7 +382,7 @@ class Page {
     byId("stale").hidden = stale === 0;
     byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
       + "detect again to know what holds now.";
-    this.scenes?.showBranch(scene.branch_of, scene.may_edit);
+    this.scenes?.showBranch(model.refused === null ? scene.branch_of : null, scene.may_edit);
     this.describeChanges();
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
   }
@@ -944,14 +946,18 @@ class Page {
 
   // Prints what is shown, once it is drawn for paper.
   async print() {
+    if (this.isPrinting) return;
+    this.isPrinting = true;
     this.player.pause();
     theme.forPaper(true);
     try {
-      await Promise.all([this.view.idle(), this.detail.settled, this.brief.settled]);
+      await Promise.race([
+        Promise.all([this.view.idle(), this.detail.settled, this.brief.settled]), new Promise((done) => { setTimeout(done, PAPER_MS); })]);
       this.havens.draw();
       window.print();
     } finally {
       theme.forPaper(false);
+      this.isPrinting = false;
     }
   }
 
@@ -1060,6 +1066,11 @@ class Page {
 
   pressed(event) {
     const { timeline, state } = this;
+    if ((event.ctrlKey || event.metaKey) && !event.altKey && !event.shiftKey && event.key.toLowerCase() === "p") {
+      event.preventDefault(); // the browser would not wait until the map has the colours of paper
+      this.print();
+      return;
+    }
     const isTyping = event.target.closest("input:not([type=checkbox]):not([type=range]), select, textarea");
     if (event.ctrlKey || event.metaKey || event.altKey || (isTyping && event.key !== "Escape")) return;
     // The map has keys of its own for its scale.

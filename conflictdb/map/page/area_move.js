@@ -45,7 +45,7 @@ export class AreaMove extends PlanMove {
     const hasTimes = !area.spans && (area.start !== null || area.end !== null);
     this.times = element("div", { hidden: !hasTimes }, this.range, ...Object.keys(this.sliders).map((name) => element("div", { class: "end" }, this.texts[name], this.sliders[name])));
     this.makeWriting();
-    this.fill("moves", "a", this.summary, this.times,
+    this.fill("moves", "a", element("div", { class: "choices" }, this.marginChoice(() => this.rewrite())), this.summary, this.times,
       element("p", { class: "soft how" }, "Drag its handle on the map, or move it by the arrow keys."),
       element("div", { class: "stores" }, element("button", { type: "button", click: () => this.reset() }, "As planned")), this.writing, this.stored);
     await this.read();
@@ -117,7 +117,12 @@ export class AreaMove extends PlanMove {
   }
 
   get asksServer() {
-    return this.isOpen && !this.isPlanned;
+    return this.isOpen && !(this.isPlanned && this.isSettled);
+  }
+
+  // Whether what the plan meets as it is planned is known.
+  get isSettled() {
+    return this.planned.size > 0 || !this.hasMargin;
   }
 
   // "4.2 nmi 270°, active from 07:20, until 08:10".
@@ -134,9 +139,11 @@ export class AreaMove extends PlanMove {
     return t === null ? "no limit" : `${moment(t + this[name])} ${zone(t)}`;
   }
 
-  // In another zone.
+  // In other units, another zone, or with another margin.
   rewrite() {
-    if (this.isOpen && this.feature) this.draw();
+    if (!this.isOpen || !this.feature) return;
+    this.offerMargins();
+    this.draw();
   }
 
   draw() {
@@ -147,17 +154,19 @@ export class AreaMove extends PlanMove {
       slider.setAttribute("aria-valuetext", `${this.endText(name)}${by}`);
     }
     this.offerWriting(!this.isPlanned);
-    if (this.isPlanned) {
-      this.summary.textContent = `As planned: ${this.planned.size ? counted(this.planned.size, "conflict") : "clear"}.`;
-      this.on.change(null);
-    } else {
-      this.probe();
-    }
+    if (this.isPlanned) this.on.change(null);
+    if (this.asksServer) this.probe();
+    else this.summary.textContent = `As planned: ${this.planned.size ? counted(this.planned.size, "conflict") : this.clearText()}.`;
   }
 
   // Shows the conflicts of the area as it is moved.
-  show(conflicts) {
-    this.summary.textContent = `${capital(this.moveText())}: ${this.changeText(this.compared(conflicts), "clear, margin not known")}.`;
+  show(conflicts, nearer) {
+    const clear = this.clearText(nearer);
+    if (this.isPlanned) {
+      this.summary.textContent = `As planned: ${conflicts.length ? counted(conflicts.length, "conflict") : clear}.`;
+      return;
+    }
+    this.summary.textContent = `${capital(this.moveText())}: ${this.changeText(this.compared(conflicts), clear)}.`;
     this.on.change({ key: this.key, laterUs: 0, upM: 0, waypoint: null, conflicts, rings: shiftedRings(this.feature, this.shift) });
   }
 

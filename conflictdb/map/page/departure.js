@@ -5,8 +5,8 @@ import { element } from "./dom.js";
 import { capital, counted, metres, moment, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { withWaypoint } from "./moved_waypoint.js";
-import { unpackPieces } from "./near.js";
-import { laterBy, PlanMove, RANGES, SECOND } from "./plan_move.js";
+import { unpackPieces, withMargin } from "./near.js";
+import { laterBy, LONGEST_MARGIN_S, PlanMove, RANGES, SECOND } from "./plan_move.js";
 import { DepartureStrip } from "./strip.js";
 import { limitsOf, union, WhatIf } from "./what_if.js";
 
@@ -17,7 +17,6 @@ const MOST_STRETCHES = 60;
 const higherBy = (m) => (m === 0 ? "" : `, ${metres(Math.abs(m))} ${m > 0 ? "higher" : "lower"}`);
 
 const MOST_UP_M = 20_000;
-const MARGINS = [0, 60, 300, 600, 1800]; // seconds to choose from
 const seconds = (us) => Math.round(us / SECOND) * SECOND;
 const isIn = (spans, us) => spans.some(([low, high]) => low <= us && high >= us);
 
@@ -31,6 +30,13 @@ function clearFrom(spans, us, way, plannedUs) {
 
 // By how much a departure misses forbidden ones, microseconds.
 const marginAt = (spans, us) => Math.min(Infinity, ...spans.map(([low, high]) => Math.max(low - us, us - high)));
+
+// Forbidden departures by keys within a horizon, of those within a longer one.
+function within(horizonUs, forbidden) {
+  const cut = (spans) => spans.filter(([low, high]) => low <= horizonUs && high >= -horizonUs)
+    .map(([low, high]) => [Math.max(low, -horizonUs), Math.min(high, horizonUs)]);
+  return new Map([...forbidden].map(([key, spans]) => [key, cut(spans)]).filter(([, spans]) => spans.length > 0));
+}
 
 // What forbids departures from one end of the range to the other, in order: [{ from, to, keys }], microseconds.
 export function stretchesOf(forbidden) {
@@ -52,7 +58,6 @@ export class Departure extends PlanMove {
     this.source = source;
     this.kernel = kernel; // loads it
     this.rangeS = FIRST_S;
-    this.marginS = 0; // that proposed departures keep
     this.isWidened = false; // rather than chosen so
     this.mayWiden = false;
     this.laterUs = 0;
@@ -73,8 +78,6 @@ export class Departure extends PlanMove {
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
     this.range = this.rangeChoice(() => this.widen(Number(this.range.value)));
-    this.margin = element("select", { "aria-label": "Margin", change: () => { this.marginS = Number(this.margin.value); this.rewrite(); } },
-      ...MARGINS.map((s) => new Option(s === 0 ? "no margin" : `margin ${s / 60} min`, s, s === this.marginS, s === this.marginS)));
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
     this.makeWriting();
@@ -95,7 +98,7 @@ export class Departure extends PlanMove {
       element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
       this.writing, this.stored, this.copies,
       this.copied, this.text);
-    this.fill("departs", hue, element("div", { class: "choices" }, this.range, this.margin), this.summary, this.more);
+    this.fill("departs", hue, element("div", { class: "choices" }, this.range, this.marginChoice(() => this.remargin())), this.summary, this.more);
     await this.read();
   }
 
@@ -115,9 +118,11 @@ export class Departure extends PlanMove {
     this.summary.textContent = "Computing …";
     let whatIf;
     try {
-      const [kernel, pieces] = await Promise.all([this.kernel(), this.source.pieces(this.key, this.rangeS)]);
+      const { m } = this.margin;
+      const [kernel, pieces] = await Promise.all([this.kernel(), this.source.pieces(this.key, this.rangeS + LONGEST_MARGIN_S, m)]);
       if (asked !== this.asked) return;
       whatIf = new WhatIf(kernel, unpackPieces(pieces), this.key);
+      if (whatIf.refusal === null) this.keep(whatIf);
     } catch (error) {
       if (asked === this.asked) this.say(`Not known: ${printable(error.message)}.`);
       return;
@@ -155,6 +160,20 @@ export class Departure extends PlanMove {
     return this.read();
   }
 
+  // With a margin, forbidden are departures that come nearer than the separations and the margin.
+  keep(whatIf) {
+    const { kernel, pack } = whatIf;
+    this.kept = this.hasMargin ? new WhatIf(kernel, withMargin(pack, this.margin), this.key) : whatIf;
+  }
+
+  // With another margin.
+  remargin() {
+    if (this.more.hidden || this.margin.m > this.whatIf.pack.margin_m) return this.read();
+    this.keep(this.whatIf);
+    this.elsewhere = null;
+    this.rewrite();
+  }
+
   // As high and as low as whatever is around, and clear of it.
   limitHeight({ heights: [low, high], plan }) {
     const ends = limitsOf(plan);
@@ -166,16 +185,17 @@ export class Departure extends PlanMove {
 
   // Which departures are in conflict at the height that is shown.
   showForbidden() {
-    const { whatIf } = this;
     this.shownUpM = this.upM;
-    const forbidden = whatIf.forbidden(1e6 * this.rangeS, this.upM);
-    const all = union([...forbidden.values()].flat());
-    this.forbidden = all;
-    const kept = union(all.map(([low, high]) => [low - SECOND * this.marginS, high + SECOND * this.marginS]));
+    const [horizonUs, knownUs] = [this.rangeS, this.rangeS + LONGEST_MARGIN_S].map((s) => 1e6 * s);
+    const known = this.whatIf.forbidden(knownUs, this.upM);
+    const forbidden = within(horizonUs, known);
+    this.known = { spans: union([...known.values()].flat()), us: knownUs };
+    this.nearer = this.hasMargin ? this.kept.forbidden(horizonUs, this.upM) : forbidden;
+    const kept = union([...this.nearer.values()].flat());
     const now = kept.find(([low, high]) => low <= 0 && high >= 0);
-    const within = (us) => (Math.abs(us) <= 1e6 * this.rangeS ? us : null);
+    const shown = (us) => (Math.abs(us) <= horizonUs ? us : null);
     const planned = Math.round(1e6 * this.track.start);
-    this.clear = { earlier: now ? within(clearFrom(kept, now[0] - 1, -1, planned)) : null, later: now ? within(clearFrom(kept, now[1] + 1, 1, planned)) : null };
+    this.clear = { earlier: now ? shown(clearFrom(kept, now[0] - 1, -1, planned)) : null, later: now ? shown(clearFrom(kept, now[1] + 1, 1, planned)) : null };
     for (const [name, us] of Object.entries(this.clear)) {
       this.buttons[name].disabled = us === null;
       this.buttons[name].textContent = us !== null ? this.departsAt(us, laterBy(us)) : now ? `none ${name}` : "–";
@@ -207,16 +227,20 @@ export class Departure extends PlanMove {
   // In other units, another zone, or with another margin.
   rewrite() {
     if (!this.isOpen || this.more.hidden) return;
+    this.offerMargins();
     this.showForbidden();
     this.moveTo(this.laterUs);
   }
 
-  // "clear by 5 min", or "clear, no margin".
-  clearText() {
-    if (this.waypoint !== null) return "clear, margin not known";
-    const by = Math.floor(marginAt(this.forbidden, this.laterUs) / SECOND);
-    if (!Number.isFinite(by)) return "clear";
-    return by < 1 ? "clear, no margin" : `clear by ${laterBy(by * SECOND).replace(/ later$/, "")}`;
+  // "clear by 5 min 36 s", to the next departure that is forbidden, or by a distance; "clear, no margin". `nearer`: of a plan with a
+  // waypoint elsewhere.
+  clearText(nearer) {
+    if (this.waypoint !== null) return super.clearText(nearer);
+    if (this.margin.m) return super.clearText([...this.nearer].filter(([, spans]) => isIn(spans, this.laterUs)).map(([key]) => key));
+    const { spans, us } = this.known;
+    const [gapUs, knownUs] = [marginAt(spans, this.laterUs), us - Math.abs(this.laterUs)];
+    const by = Math.floor(Math.min(gapUs, knownUs) / SECOND);
+    return by < 1 ? "clear, no margin" : `clear by ${laterBy(by * SECOND).replace(/ later$/, "")}${gapUs > knownUs ? " or more" : ""}`;
   }
 
   say(text) {
@@ -257,12 +281,15 @@ export class Departure extends PlanMove {
     const { waypoint, laterUs, upM } = this;
     try {
       if (this.elsewhere?.waypoint !== waypoint) {
-        const { kernel, pack } = this.whatIf;
-        this.elsewhere = { waypoint, whatIf: new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint), this.key) };
+        const { kernel } = this.whatIf;
+        const there = ({ pack }) => new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint), this.key);
+        const whatIf = there(this.whatIf);
+        this.elsewhere = { waypoint, whatIf, kept: this.hasMargin ? there(this.kept) : whatIf };
       }
-      const { whatIf } = this.elsewhere;
+      const { whatIf, kept } = this.elsewhere;
       if (whatIf.refusal !== null) throw new Error(whatIf.refusal);
-      this.show(whatIf.conflicts(laterUs, upM));
+      const conflicts = whatIf.conflicts(laterUs, upM);
+      this.show(conflicts, this.hasMargin && !conflicts.length ? kept.conflicts(laterUs, upM).map(({ other }) => other) : []);
     } catch (error) {
       this.summary.textContent = `Not known: ${printable(error.message)}.`;
     }
@@ -291,9 +318,9 @@ export class Departure extends PlanMove {
   }
 
   // Shows the conflicts of the plan as it is moved.
-  show(conflicts) {
+  show(conflicts, nearer = []) {
     const { laterUs: us, upM } = this;
-    this.summary.textContent = this.told(conflicts);
+    this.summary.textContent = this.told(conflicts, nearer);
     const isPlanned = us === 0 && upM === 0 && this.waypoint === null;
     // A schedule says itself when its voyages depart.
     const isScheduled = us !== 0 && "schedule" in this.whatIf.plan.properties;
@@ -303,13 +330,13 @@ export class Departure extends PlanMove {
   }
 
   // "4 min 10 s later: 2 fewer, none new; 1 left."
-  told(conflicts) {
+  told(conflicts, nearer) {
     const by = this.laterUs === 0 || !this.isOne ? this.moveText() : `${this.departsAt(this.laterUs)}, ${this.moveText()}`;
     const said = capital(by);
-    if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : this.clearText()}.`;
+    if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : this.clearText(nearer)}.`;
     const changed = this.compared(conflicts);
     if (!changed.gone && !changed.come && changed.all) return `${said}: the same ${counted(changed.all, "conflict")}.`;
-    return `${said}: ${this.changeText(changed, this.clearText())}.`;
+    return `${said}: ${this.changeText(changed, this.clearText(nearer))}.`;
   }
 
   // "10 min later, 20 m higher".

@@ -135,6 +135,13 @@ function tenths(value, round) {
   return (round(value * 10 + error) / 10).toFixed(1);
 }
 
+// A distance that people chose, as it is: in the larger unit if it is whole hundredths of it, else in metres.
+export function givenDistance(m) {
+  const [unit, name] = display.isNautical ? [NMI_M, "nmi"] : [1000, "km"];
+  const hundredths = Math.round((100 * m) / unit);
+  return hundredths > 0 && Math.abs(hundredths * unit - 100 * m) < 1e-6 * m ? `${hundredths / 100} ${name}` : `${m} m`;
+}
+
 // The longest bar of a round length of at most so many metres: metres, or tenths of a nautical mile.
 export function barLength(mostM) {
   const unit = display.isNautical && mostM >= NMI_M / 10 ? NMI_M / 10 : 1;

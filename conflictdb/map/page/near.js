@@ -21,6 +21,13 @@ export function unpackPieces(buffer) {
   return { ...head, ...arrays };
 }
 
+// A pack that asks for a margin { s, m }, seconds and metres, on top of all separations (conflictdb/model/margin.py).
+export function withMargin(pack, { s, m }) {
+  if (m > pack.margin_m) throw new Error("the separations of the scene are too large for this margin");
+  const settings = pack.settings.map((one) => ({ ...one, separation_m: one.separation_m + m, within_us: one.within_us + 1e6 * s }));
+  return { ...pack, settings, reach_m: pack.reach_m + m, hulls: null, columns: null };
+}
+
 // An instant as a number; infinite where there is none.
 export const unbounded = (us) => (us === NEVER_BEGAN ? -Infinity : us === NEVER_ENDS ? Infinity : Number(us));
 

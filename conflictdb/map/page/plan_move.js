@@ -1,10 +1,15 @@
 // What moving a track and moving an area share: the server says what the plan would meet, and stores it.
 
 import { element } from "./dom.js";
-import { duration, printable } from "./format.js";
+import { display } from "./display.js";
+import { duration, givenDistance, NMI_M, printable } from "./format.js";
 
 export const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
 export const SECOND = 1e6;
+// Margins to choose from, seconds, and metres by whether units are nautical.
+const MARGINS_S = [60, 300, 600, 1800];
+const MARGINS_M = { true: [0.1, 0.5, 1, 5].map((n) => n * NMI_M), false: [100, 500, 1000, 5000] };
+export const LONGEST_MARGIN_S = MARGINS_S.at(-1);
 
 // "1 h 4 min 10 s later", of microseconds, to the last one: a departure that is read out is the very same.
 export function laterBy(us) {
@@ -15,18 +20,21 @@ export function laterBy(us) {
   return `${said.join(" ")} ${us > 0 ? "later" : "earlier"}`;
 }
 
+const marginText = ({ s, m }) => (m ? givenDistance(m) : `${s / 60} min`);
+
 // A conflict as a probe returns it.
 const probed = ([other, verdict, error, periods]) => (
   { other, verdict, error_s: error, periods: periods.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]) });
 
-// Subclasses have: `what` the server is asked, `moveText()`, `asksServer` whether to ask it what the plan would meet, `show(conflicts)`,
-// `undoOf(what)`, `takeStored(digest)` of the plan that is stored, and `hideHandles()`.
+// Subclasses have: `what` the server is asked, `moveText()`, `asksServer` whether to ask it what the plan would meet,
+// `show(conflicts, nearer)` with the keys of what is within the margin of a plan without conflicts, `undoOf(what)`, `takeStored(digest)` of the plan that is stored, and `hideHandles()`.
 export class PlanMove {
   // `on`: rights() of the scene, move(what) stores a plan, probe(what) returns its conflicts, openScene(name), close().
   constructor(container, on) {
     Object.assign(this, { container, on });
     this.key = null;
     this.asked = 0; // which answer is awaited
+    this.margin = { s: 0, m: 0 }; // that proposed plans keep
   }
 
   get isOpen() {
@@ -36,6 +44,33 @@ export class PlanMove {
   rangeChoice(onChange) {
     return element("select", { "aria-label": "Range", change: onChange },
       ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
+  }
+
+  marginChoice(onChange) {
+    this.margins = element("select", { "aria-label": "Margin", change: () => { this.margin = JSON.parse(this.margins.value); onChange(); } });
+    this.offerMargins();
+    return this.margins;
+  }
+
+  // In the units that are shown, and the one that is chosen.
+  offerMargins() {
+    const { s: chosenS, m: chosenM } = this.margin;
+    const metres = [...new Set([...MARGINS_M[display.isNautical], ...(chosenM ? [chosenM] : [])])];
+    const all = [{ s: 0, m: 0 }, ...MARGINS_S.map((s) => ({ s, m: 0 })), ...metres.map((m) => ({ s: 0, m }))];
+    this.margins.replaceChildren(...all.map((one) => {
+      const isChosen = one.s === chosenS && one.m === chosenM;
+      return new Option(one.s || one.m ? `margin ${marginText(one)}` : "no margin", JSON.stringify(one), isChosen, isChosen);
+    }));
+  }
+
+  get hasMargin() {
+    return this.margin.s > 0 || this.margin.m > 0;
+  }
+
+  // "clear by 0.5 nmi", "clear, no margin", or what is within the margin of it, by keys.
+  clearText(nearer) {
+    if (!this.hasMargin) return "clear, no margin";
+    return nearer.length ? `clear, not by ${marginText(this.margin)} (${nearer.map(printable).join(", ")})` : `clear by ${marginText(this.margin)}`;
   }
 
   // Fills the container: a heading "What if KEY moves", then parts.
@@ -84,8 +119,9 @@ export class PlanMove {
       const { asked } = this;
       const isHere = () => asked === this.asked && this.asksServer;
       try {
-        const found = (await this.on.probe(this.what)).map(probed);
-        if (isHere()) this.show(found);
+        const { s, m } = this.margin;
+        const { conflicts, nearer } = await this.on.probe({ ...this.what, margin_s: s, margin_m: m });
+        if (isHere()) this.show(conflicts.map(probed), nearer);
       } catch (error) {
         if (isHere()) this.summary.textContent = `Not known: ${printable(error.message)}.`;
       }

@@ -137,9 +137,9 @@ export class ServerSource {
     return (await answered(requested("page/kernel.wasm"))).arrayBuffer();
   }
 
-  // Pieces of a track, and of what it may meet if it departs that much earlier or later.
-  async pieces(key, withinS) {
-    return (await answered(fetch(this.at("api/pieces", { key, within_s: withinS })))).arrayBuffer();
+  // Pieces of a track, and of what it may meet if it departs that much earlier or later, with a margin, metres.
+  async pieces(key, withinS, marginM = 0) {
+    return (await answered(fetch(this.at("api/pieces", { key, within_s: withinS, margin_m: Math.ceil(marginM) })))).arrayBuffer();
   }
 
   // Pieces of an object, and of what comes within so many metres of it.
@@ -171,7 +171,8 @@ export class ServerSource {
     return this.write("api/branch", { does });
   }
 
-  // The conflicts of a moved plan, which is not stored: [[other, verdict, error, periods], …].
+  // The conflicts of a moved plan, which is not stored: { conflicts: [[other, verdict, error, periods], …], nearer }: the keys of
+  // objects within the margin { s, m } of a plan without conflicts.
   async probe(what) {
     return (await this.write("api/probe", what)).json();
   }
