@@ -43,9 +43,10 @@ export class AreaMove extends PlanMove {
     this.sliders = { starts: slider("starts", "Becomes active"), ends: slider("ends", "Ends") };
     this.texts = { starts: element("span", { class: "soft" }), ends: element("span", { class: "soft" }) };
     const hasTimes = !area.spans && (area.start !== null || area.end !== null);
-    this.times = element("div", { hidden: !hasTimes }, this.range, ...Object.keys(this.sliders).map((name) => element("div", { class: "end" }, this.texts[name], this.sliders[name])));
+    this.range.hidden = !hasTimes;
+    this.times = element("div", { hidden: !hasTimes }, ...Object.keys(this.sliders).map((name) => element("div", { class: "end" }, this.texts[name], this.sliders[name])));
     this.makeWriting();
-    this.fill("moves", "a", element("div", { class: "choices" }, this.marginChoice(() => this.rewrite())), this.summary, this.times,
+    this.fill("moves", "a", element("div", { class: "choices" }, this.range, this.marginChoice(() => this.rewrite())), this.summary, this.times,
       element("p", { class: "soft how" }, "Drag its handle on the map, or move it by the arrow keys."),
       element("div", { class: "stores" }, element("button", { type: "button", click: () => this.reset() }, "As planned")), this.writing, this.stored);
     await this.read();

@@ -163,7 +163,7 @@ export class List {
       Number.isFinite(lasts) ? duration(lasts) : "without end",
       conflict.error_s !== null && conflict.error_s < TOLD_S ? null : `± ${bound(conflict.error_s, "s")}`,
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
-    ].filter(Boolean).join(" · ");
+    ].filter(Boolean);
     const when = conflict.start === -Infinity ? "since ever"
       : !this.several ? clock(conflict.start) : this.isOneYear ? moment(conflict.start).replace(/ \d{4} /, " ") : moment(conflict.start);
     const isNamed = areNamed(conflict, this.objects);
@@ -172,8 +172,8 @@ export class List {
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
         element("span", { class: isNamed ? "names" : "names keys" }, ...this.lines(conflict)),
         element("span", { class: "when" }, when),
-        element("span", { class: "facts" }, facts, isNamed ? " · " : null, isNamed ? element("span", { class: "keys" },
-          element("bdi", {}, printable(conflict.a)), " and ", element("bdi", {}, printable(conflict.b))) : null),
+        element("span", { class: "facts", title: facts.join(" · ") }, ...facts.map((fact, nth) => element("span", {}, nth > 0 ? " · " : null, fact)),
+          isNamed ? element("span", {}, " · ", element("span", { class: "keys" }, element("bdi", {}, printable(conflict.a)), " and ", element("bdi", {}, printable(conflict.b)))) : null),
         element("span", { class: "tags" }, ...tagsOf(conflict).map(([text, kind]) => element("span", { class: `tag ${kind ?? ""}` }, text)))));
     row.style.transform = `translateY(${n * this.height}px)`;
     this.mark(row, conflict);
