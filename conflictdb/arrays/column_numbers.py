@@ -13,27 +13,33 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.model.plan_columns import Form, PlanColumn, columns_of
+from conflictdb.model.plan_columns import PLAN_COLUMNS, Form, PlanColumn, columns_of
 from conflictdb.model.rules import KINDS
 
 # Batches have arrays of these.
 _MEASURES: Final = ("floor_m", "ceiling_m", "grow_mps")
-# The columns of areas and tracks with a number: class, owner, and others of a plain form that change answers.
+# The columns of areas and tracks with a number: those of pieces, and others of a plain form that change answers.
 NUMBERED: Final = {
     kind: tuple(
-        one
-        for one in columns_of(kind, Form.TEXT, Form.WORD, Form.NUMBER)
-        if one.changes_answers and one.name not in _MEASURES
+        sorted(
+            (
+                one
+                for one in columns_of(kind, Form.TEXT, Form.WORD, Form.NUMBER)
+                if one.changes_answers and one.name not in _MEASURES
+            ),
+            key=lambda one: not one.in_pieces,
+        )
     )
     for kind in KINDS
 }
-# Columns of pieces: numbers that the rule of a pair reads, by the first of NUMBERED, which areas and tracks share.
-IN_PIECES: Final = ("class_number", "owner_number")
+# Columns of pieces: the first of NUMBERED, which areas and tracks share.
+IN_PIECES: Final = tuple(f"{one.name}_number" for one in PLAN_COLUMNS if one.in_pieces)
+CLASS: Final = IN_PIECES.index("class_number")
 
 
-def piece_numbers(numbers: NDArray[np.int64], rows: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
-    """Return the columns IN_PIECES of pieces, whose objects are rows of numbers (n, k) of NUMBERED."""
-    return {name: numbers[rows, place] for place, name in enumerate(IN_PIECES)}
+def piece_numbers(numbers: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return `Pieces.numbers` (m, k) of pieces whose objects are rows (m,) of numbers of NUMBERED."""
+    return numbers[:, : len(IN_PIECES)][rows]
 
 
 def measures(kind: str) -> Iterator[PlanColumn]:

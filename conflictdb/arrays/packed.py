@@ -5,8 +5,8 @@ A piece is a sequence of eight-byte words, little-endian, integers or doubles, w
     0 kind, 1 version, 2 part, 3 turn, 4 start_us, 5 end_us, 6 end_inclusive (0 or 1), 7 floor_m, 8 ceiling_m,
     9 leg_start_us, 10 leg_end_us, 11 and 12 leg_start_deg, 13 and 14 leg_end_deg, 15 bearing_deg,
     16 h vertices of the hull (closed ring), 17 s vertices of the shape (open ring), 18 whether the shape changes,
-    19 object_id, 20 to 23 climb_m, 24 class_number, 25 owner_number, then x, y of the hull (2 h), of the shape (2 s),
-    and at the end of the leg (2 s) if it changes
+    19 object_id, 20 to 23 climb_m, from 24 numbers, then x, y of the hull (2 h), of the shape (2 s), and at the end of
+    the leg (2 s) if it changes
 """
 
 import sys
@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets, ragged_take
 
@@ -22,12 +23,12 @@ from conflictdb.arrays.ragged import offsets, ragged_take
 WORD: Final = 8
 PART: Final = 2
 TURN: Final = 3
-_HEAD: Final = 26
+_NUMBERS: Final = 24
+_HEAD: Final = _NUMBERS + len(IN_PIECES)
 _INTEGERS: Final = {
     "kind": (0, np.int8), "version": (1, np.int64), "part": (PART, np.int32), "turn": (TURN, np.int16),
     "start_us": (4, np.int64), "end_us": (5, np.int64), "end_inclusive": (6, np.bool_), "leg_start_us": (9, np.int64),
-    "leg_end_us": (10, np.int64), "object_id": (19, np.int64), "class_number": (24, np.int64),
-    "owner_number": (25, np.int64),
+    "leg_end_us": (10, np.int64), "object_id": (19, np.int64),
 }  # fmt: skip
 _DOUBLES: Final = {"floor_m": 7, "ceiling_m": 8, "bearing_deg": 15}
 _PLACES: Final = {"leg_start_deg": (11, 2), "leg_end_deg": (13, 2), "climb_m": (20, 4)}
@@ -51,6 +52,7 @@ def packed(pieces: Pieces) -> tuple[Words, NDArray[np.int64]]:
         doubles[begin + at] = getattr(pieces, name)
     for name, (at, width) in _PLACES.items():
         doubles[begin[:, None] + at + np.arange(width)] = getattr(pieces, name)
+    words[begin[:, None] + np.arange(_NUMBERS, _HEAD)] = pieces.numbers
     words[begin + _HULL], words[begin + _SHAPE], words[begin + _CHANGES] = hull, shape, changed
     every = np.arange(n)
     doubles[_places(begin + _HEAD, pieces.hull_offset, every)] = pieces.hull_xy.reshape(-1)
@@ -81,6 +83,7 @@ def unpacked(words: Words, begin: NDArray[np.int64]) -> Pieces:
     columns |= {name: doubles[begin + at] for name, at in _DOUBLES.items()}
     columns |= {name: doubles[begin[:, None] + at + np.arange(width)] for name, (at, width) in _PLACES.items()}
     return Pieces(
+        numbers=words[begin[:, None] + np.arange(_NUMBERS, _HEAD)],
         piece_id=np.full(len(begin), -1, np.int64),
         hull_xy=hull_xy,
         hull_offset=hull,

@@ -11,6 +11,7 @@ from typing import Any, Final, NewType, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.column_numbers import CLASS
 from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
@@ -62,7 +63,7 @@ class Pieces:
     leg_start_us, leg_end_us : (n,) int64   tracks: the whole leg that the slice is cut from (areas: 0)
     leg_start_deg, leg_end_deg : (n, 2) float64   tracks: longitude (unwrapped, not shifted) and latitude (areas: 0)
     bearing_deg : (n,) float64    tracks: heading of the haven, clockwise from north (areas: 0)
-    class_number, owner_number : (n,) int64   of class and owner of the object (`column_numbers`), 0 without
+    numbers : (n, k) int64        of the values IN_PIECES of the object (`column_numbers`): class, owner; 0 without
     """
 
     piece_id: NDArray[np.int64]
@@ -87,8 +88,7 @@ class Pieces:
     leg_start_deg: NDArray[np.float64]
     leg_end_deg: NDArray[np.float64]
     bearing_deg: NDArray[np.float64]
-    class_number: NDArray[np.int64]
-    owner_number: NDArray[np.int64]
+    numbers: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.piece_id)
@@ -102,7 +102,12 @@ class Pieces:
     @property
     def excuses(self) -> bool:
         """Whether pairs may be left out for what their pieces have besides classes."""
-        return bool(self.owner_number.any())
+        return bool(np.delete(self.numbers, CLASS, axis=1).any())
+
+    @property
+    def class_number(self) -> NDArray[np.int64]:
+        """Return the numbers (n,) of classes, 0 without."""
+        return self.numbers[:, CLASS]
 
     @property
     def changes(self) -> bool:

@@ -192,7 +192,7 @@ class _Leg:
             leg_start_deg=np.tile(self.start_deg, (n, 1)),
             leg_end_deg=np.tile(self.end_deg, (n, 1)),
             bearing_deg=np.full(n, self.bearing_deg),
-            **dict.fromkeys(IN_PIECES, none),
+            numbers=np.zeros((n, len(IN_PIECES)), np.int64),
         )
 
 

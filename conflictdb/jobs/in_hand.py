@@ -140,5 +140,5 @@ def _boxes_of_rows(bundles: Bundles) -> tuple[NDArray[np.int64], RowBoxes]:
         end_us=end_us[ids],
         object=numbers_of(pieces.kind[of], pieces.object_id[of]),
         is_copy=pieces.turn[of].astype(bool),
-        owner=pieces.owner_number[of],
+        numbers=pieces.numbers[of],
     )

@@ -27,7 +27,7 @@ class RowBoxes:
     object : (n,) number of the object
     is_copy : (n,) whether the row is a seam copy
     end_inclusive : (n,) whether the instant end_us belongs to the row; None: it does
-    owner : (n,) number of the object's owner, 0 without; None: without
+    numbers : (n, KERNEL_NUMBERS) as of `Pieces`; None: not compared
     type : (n,) type of the object (`Separations`); None: one type
     """
 
@@ -39,7 +39,7 @@ class RowBoxes:
     object: NDArray[np.int64]
     is_copy: NDArray[np.bool_]
     end_inclusive: NDArray[np.bool_] | None = None
-    owner: NDArray[np.int64] | None = None
+    numbers: NDArray[np.int64] | None = None
     type: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
@@ -50,7 +50,7 @@ class RowBoxes:
         """Return pieces (n,) as rows without types; boxes : (n, 4) of their hulls (`boxes_of`)."""
         heights, times = (pieces.floor_m, pieces.ceiling_m), (pieces.start_us, pieces.end_us)
         number = numbers_of(pieces.kind, pieces.object_id)
-        return cls(boxes, *heights, *times, number, pieces.turn != 0, pieces.end_inclusive, pieces.owner_number)
+        return cls(boxes, *heights, *times, number, pieces.turn != 0, pieces.end_inclusive, pieces.numbers)
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the rows."""

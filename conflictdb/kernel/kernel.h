@@ -40,7 +40,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 26
+#define KERNEL_ABI 27
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -673,6 +673,9 @@ KERNEL_API KernelStatus kernel_apart(const double *hull, int64_t vertex_count, c
 KERNEL_API KernelStatus kernel_bundles(const double *boxes, const int64_t *run, const uint8_t *moves, int64_t count,
                                        int64_t *order, uint8_t *begins);
 
+/* The numbers that rows have: IN_PIECES of conflictdb/arrays/column_numbers.py. */
+#define KERNEL_NUMBERS 2
+
 /* Bounding boxes of rows: in the plane, in height and in time. */
 typedef struct {
     int64_t count;
@@ -684,7 +687,7 @@ typedef struct {
     const int64_t *object; /* (count,) number of the row's object */
     const uint8_t *is_copy; /* (count,) 1: seam copy; two copies intersect where their originals do, and are no pair */
     const uint8_t *end_inclusive; /* (count,) 1: end_us belongs to the row; NULL: all do */
-    const int64_t *owner; /* (count,) numbers of owners, 0: without; two rows of one are no pair; NULL: without */
+    const int64_t *numbers; /* (count, KERNEL_NUMBERS) what objects have that may_meet.h compares; NULL: not compared */
     const int64_t *type; /* (count,) types of objects: kind and class; NULL if all types are compared */
 } KernelBoxes;
 
@@ -695,7 +698,7 @@ typedef struct {
     const uint8_t *of_types; /* (type_count, type_count) 1: objects of two types are compared; NULL: all are */
 } KernelCompared;
 
-/* Say which pairs of rows of different objects may meet, by boxes, times, heights, seam copies, owners and types.
+/* Say which pairs of rows of different objects may meet, by boxes, times, heights, seam copies, numbers and types.
  *
  * rows, others : without boxes (NULL), boxes are not compared; objects are not read
  * a, b : (count,) indices of rows, and of others

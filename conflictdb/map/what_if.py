@@ -97,13 +97,12 @@ def packed(
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
     separations = Separations.of(scene)
     by_settings = [separations.of_settings(one, pieces) for one in separations.settings]
-    _, owner = np.unique(pieces.owner_number, return_inverse=True)
     objects, which = np.unique(object_numbers(pieces), return_inverse=True)
     base_us = min((int(track.times_us[0]) for track in tracks), default=0)
     arrays: dict[str, NDArray[Any]] = {
         "plane": np.frombuffer(bytes(setup.plane.kernel_plane), np.uint8),
         "object": which.astype("<i4"),
-        "owner": np.where(pieces.owner_number == 0, 0, owner + 1).astype("<i4"),  # 0: none
+        "numbers": pieces.numbers.astype("<i8").ravel(),
         "is_cover": (pieces.part == COVER).astype(np.uint8),
         "end_inclusive": pieces.end_inclusive.astype(np.uint8),
         "type": separations.types(pieces.kind, pieces.class_number).astype("<i4"),

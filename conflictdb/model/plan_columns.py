@@ -92,6 +92,7 @@ class PlanColumn:
     absent : the value of a plan that does not give it
     default : of the parameter of put_area and put_track; empty: the parameter is required
     is_expansion : whether detections compute it from a schedule, if there is one; then it is not as written
+    in_pieces : whether the rule of a pair reads it: pieces have its number (`arrays.column_numbers`)
     """
 
     name: str
@@ -109,6 +110,7 @@ class PlanColumn:
     absent: Any = None
     default: str = "NULL"
     is_expansion: bool = False
+    in_pieces: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "python", self.python or (self.name,))
@@ -194,10 +196,11 @@ PLAN_COLUMNS: Final = (
     ),
     PlanColumn(
         "class", _BOTH, Form.WORD, "text", "Class that separation rules name; null: none.",
-        python=("object_class",), check=class_rule,
+        python=("object_class",), check=class_rule, in_pieces=True,
     ),
     PlanColumn(
         "owner", _BOTH, Form.WORD, "text", "Owner, whose objects are not compared with each other; null: none.",
+        in_pieces=True,
     ),
     PlanColumn(
         "tolerances", _TRACK, Form.DOCUMENT, "jsonb", "How far voyages may differ from the plan; null: not at all.",

@@ -4,14 +4,13 @@ from typing import Any
 
 import shapely
 
-from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.core.stage1_broad_phase import hulls_of
 
 
 def given(pieces: Pieces) -> tuple[list[Any], ...]:
     """Return pieces as the last parameters of such a routine (`_given_pieces`)."""
-    numbers = (pieces.kind, *(getattr(pieces, name) for name in IN_PIECES), pieces.turn)
+    numbers = (pieces.kind, *pieces.numbers.T, pieces.turn)
     ends = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
     return *(column.tolist() for column in numbers), hulls, *(column.tolist() for column in ends)

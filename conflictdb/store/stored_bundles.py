@@ -52,7 +52,7 @@ def scalars(bundles: Bundles, srid: int) -> dict[str, copy_binary.Column]:
         "span": copy_binary.spans(pieces.start_us[first], pieces.end_us[last], pieces.end_inclusive[last]),
         "floor_m": copy_binary.fixed(pieces.floor_m[first], "f8"),
         "ceiling_m": copy_binary.fixed(pieces.ceiling_m[first], "f8"),
-        **{name: copy_binary.fixed(getattr(pieces, name)[first], "i8") for name in IN_PIECES},
+        **{name: copy_binary.fixed(pieces.numbers[first, k], "i8") for k, name in enumerate(IN_PIECES)},
         "shape": copy_binary.where(shape, has_shape),
         "leg_start": copy_binary.nullable(copy_binary.instants(pieces.leg_start_us[first]), ~alone),
         "leg_end": copy_binary.nullable(copy_binary.instants(pieces.leg_end_us[first]), ~alone),
@@ -245,9 +245,11 @@ def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> t
     if is_climbing.any():
         # Only single-piece rows.
         climb_m[is_climbing] = copy_binary.array_values(strings["climb"], "f8").reshape(-1, 4)
+    numbers = np.stack([of_piece.pop(name) for name in IN_PIECES], axis=1)
     pieces = Pieces(
         **{**of_piece, "kind": of_piece["kind"].astype(np.int8)},
         climb_m=climb_m,
+        numbers=numbers,
         hull_xy=hull_xy,
         hull_offset=hull_offset,
         shape_xy=shape_xy,

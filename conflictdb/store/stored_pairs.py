@@ -12,7 +12,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.arrays.column_numbers import numbers_of_words
+from conflictdb.arrays.column_numbers import CLASS, IN_PIECES, numbers_of_words
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Bundles
 from conflictdb.kernel.boxes import RowBoxes
@@ -29,7 +29,7 @@ _PAIRS_THAT_FIT: Final = 10_000_000
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
     ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
-    ("class_number", "i8"), ("owner_number", "i8"), ("marks", "i8"), ("with_number", "i8"),
+    *((name, "i8") for name in IN_PIECES), ("marks", "i8"), ("with_number", "i8"),
 ]  # fmt: skip
 
 
@@ -116,19 +116,15 @@ def boxes(
         end_us=copy_binary.microseconds(rows["end"]),
         object=rows["object"],
         is_copy=rows["turn"] != 0,
-        owner=rows["owner_number"],
+        numbers=np.stack([rows.pop(name) for name in IN_PIECES], axis=1),
     )
+    assert found.numbers is not None  # noqa: S101
+    classes = found.numbers[:, CLASS]
     of_kind = numbers_of_words(KINDS)[kinds_and_ids(found.object)[0]]
     concerned = np.ones(len(found), np.int64)
     for bit, number in enumerate(rows["with_number"].tolist(), 1):
-        concerned |= ((rows["class_number"] == number) | (of_kind == number)).astype(np.int64) << bit
-    return (
-        rows["piece_id"],
-        rows["pieces"].astype(np.int64),
-        found,
-        rows["class_number"],
-        Marks(rows["marks"], concerned),
-    )
+        concerned |= ((classes == number) | (of_kind == number)).astype(np.int64) << bit
+    return rows["piece_id"], rows["pieces"].astype(np.int64), found, classes, Marks(rows["marks"], concerned)
 
 
 def bundles(

@@ -105,7 +105,7 @@ def rows_of(separations: Separations, pieces: list[Piece]) -> RowBoxes:
         np.arange(len(pieces)),
         np.array(column["turn"]) != 0,
         np.array(column["inclusive"]),
-        numbers_of_words(column["owner"]),
+        np.stack([number, numbers_of_words(column["owner"])], axis=1),
         separations.types(kind, number),
     )  # fmt: skip
 
@@ -157,7 +157,7 @@ def in_wasm(rows: RowBoxes, others: RowBoxes, within_us: int, compared: np.ndarr
         [
             column(one.boxes, "f"), column(one.floor_m, "f"), column(one.ceiling_m, "f"), column(one.start_us, "i"),
             column(one.end_us, "i"), column(one.object, "i"), column(one.is_copy, "u"), column(one.end_inclusive, "u"),
-            column(one.owner, "i"), column(one.type, "i"),
+            column(one.numbers, "i"), column(one.type, "i"),
         ]
         for one in (rows, others)
     ]  # fmt: skip

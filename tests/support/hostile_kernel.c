@@ -192,12 +192,13 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     double *boxes = block(4 * n, 8), *floor_m = block(n, 8), *ceiling_m = block(n, 8);
     int64_t *start = block(n, 8), *end = block(n, 8), *object = block(n, 8), *order = block(n, 8), *of = block(wanted, 8);
     int64_t *first = block(room, 8), *second = block(room, 8), done, found, looked_at;
-    int64_t *owner = block(n, 8), *type = block(n, 8);
+    int64_t *numbers = block(KERNEL_NUMBERS * n, 8), *type = block(n, 8);
     uint8_t *is_copy = block(n, 1), *inclusive = block(n, 1), *met = block(wanted, 1), of_types[9];
     for (int64_t i = 0; i < 9; i++) of_types[i] = (uint8_t)below(2);
     for (int64_t i = 0; i < 4 * n; i++) boxes[i] = number(-10.0, 10.0, odd) + (i % 4 > 1 ? 10.0 : 0.0);
+    for (int64_t i = 0; i < KERNEL_NUMBERS * n; i++) numbers[i] = below(4);
     for (int64_t i = 0; i < n; i++) {
-        inclusive[i] = (uint8_t)below(2), owner[i] = below(4), type[i] = below(20 * odd) ? below(3) : instant(-3, 5, 2);
+        inclusive[i] = (uint8_t)below(2), type[i] = below(20 * odd) ? below(3) : instant(-3, 5, 2);
         floor_m[i] = number(-10.0, 10.0, odd), ceiling_m[i] = number(-10.0, 30.0, odd), is_copy[i] = (uint8_t)below(2);
         start[i] = instant(0, 50, odd), end[i] = instant(0, 100, odd), object[i] = below(odd) ? below(n) : (int64_t)draw();
     }
@@ -210,7 +211,7 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
                         below(200) ? object : NULL,
                         below(200) ? is_copy : NULL,
                         below(3) ? inclusive : NULL,
-                        below(3) ? owner : NULL,
+                        below(3) ? numbers : NULL,
                         below(3) ? type : NULL};
     KernelStatus status = kernel_box_order(&rows, order);
     calls[status]++;
@@ -240,7 +241,7 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
     kernel_box_tree_free(tree);
     free(boxes), free(floor_m), free(ceiling_m), free(start), free(end), free(object), free(order), free(of);
-    free(first), free(second), free(is_copy), free(inclusive), free(owner), free(type), free(met);
+    free(first), free(second), free(is_copy), free(inclusive), free(numbers), free(type), free(met);
 }
 
 /* Read polygons, some of several rings, from bytes that are now and then others, or fewer. */

@@ -146,7 +146,10 @@ def test_joins_and_trees_follow_the_rule_of_a_pair(within_us: int) -> None:
     """With owners, types that are not compared, last instants that do not belong to a row, and a time between rows."""
     n, rng = 250, np.random.default_rng(6)
     rows = replace(
-        thrown(6, n, 0.3, n), end_inclusive=rng.random(n) < 0.5, owner=rng.integers(0, 5, n), type=rng.integers(0, 3, n)
+        thrown(6, n, 0.3, n),
+        end_inclusive=rng.random(n) < 0.5,
+        numbers=rng.integers(0, 5, (n, 2)),
+        type=rng.integers(0, 3, n),
     )
     compared = rng.random((3, 3)) < 0.7
     compared &= compared.T

@@ -8,6 +8,7 @@ import pytest
 from docs_scripts import script
 
 from conflictdb.arrays.column_numbers import IN_PIECES, NUMBERED
+from conflictdb.kernel.header import constant
 from conflictdb.model import plan_columns
 from conflictdb.model.plan_columns import Form, columns_of
 from conflictdb.model.plans import Area, Track
@@ -32,8 +33,9 @@ def test_each_field_of_a_plan_is_of_one_column(kind: str, of: type) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_numbers_of_pieces_are_the_first_of_both_kinds(kind: str) -> None:
-    """`piece_numbers` finds them by their places."""
+    """`piece_numbers` finds them by their places, and the kernel knows how many there are."""
     assert tuple(f"{one.name}_number" for one in NUMBERED[kind])[: len(IN_PIECES)] == IN_PIECES
+    assert constant("KERNEL_NUMBERS") == len(IN_PIECES)
 
 
 def test_each_plain_value_has_a_rule() -> None:

@@ -22,18 +22,18 @@ COMPARISONS: Final = {
     ),
     "py": (
         r"floor_m\[\w+\] *<=? *\w*\.?\w*ceiling_m\[", r"ceiling_m\[\w+\] *>=? *\w*\.?\w*floor_m\[",
-        r"turn\[\w+\] *[!=]= *0", r"owner_number\[\w+\] *[!=]=", r"class_number\[\w+\] *[!=]= *\w+\.class_number",
+        r"turn\[\w+\] *[!=]= *0", r"numbers\[\w+, *\w+\] *[!=]=", r"class_number\[\w+\] *[!=]= *\w+\.class_number",
         r"start_us\[(\w+)\] *<=? *\w*\.?\w*end_us\[(?!\1\])", r"\bowners?\[\w+\] *[!=]= *\w*\.?owners?\[",
         r"of_types\[[^\]]+\] *[!=]=",
     ),
     "c": (
         r"floor_m(\[\w+\])? *<=? *\w+(->|\.|_)ceiling_m", r"ceiling_m(\[\w+\])? *>=? *\w+(->|\.|_)floor_m",
-        r"if .*is_copy(\[\w+\])? *&& *!?\w+(->|\.)is_copy", r"owner(\[\w+\])? *[!=]= *\w+(->|\.)owner",
+        r"if .*is_copy(\[\w+\])? *&& *!?\w+(->|\.)is_copy", r"\[([A-Z]+)\] *[!=]= *\w+\[\1\]",
         r"of_types\[[^\]]*type", r"\b(times|heights)_meet\(",
     ),
     "js": (
         r"floor\w*\[(\w+)\] *<=? *\w*\.?ceiling\w*\[(?!\1\])", r"ceiling\w*\[(\w+)\] *>=? *\w*\.?floor\w*\[(?!\1\])",
-        r"turn\[(\w+)\] *[!=]==? *0 *(&&|\|\|).*turn\[(?!\1\])", r"owner\[\w+\] *[!=]==? *\w*\.?\w*\.?owner\[",
+        r"turn\[(\w+)\] *[!=]==? *0 *(&&|\|\|).*turn\[(?!\1\])", r"numbers\[.*\] *[!=]==? .*numbers\[",
         r"start\w*\[(\w+)\] *<=? *\w*\.?end\w*\[(?!\1\])", r"of_types\[.*\]\[.*\] *(<|>=|[!=]==?)",
     ),
 }  # fmt: skip
@@ -47,7 +47,7 @@ FORMER: Final = {
         "both = pieces.start_us[a] <= pieces.end_us[b]", "keep = self.of_types[one, other] != NEVER",
     ),
     "js": (
-        "floor[a] < ceiling[b]", "this.start[a] <= this.end[b]", "pack.owner[a] === pack.owner[b]",
+        "floor[a] < ceiling[b]", "this.start[a] <= this.end[b]", "pack.numbers[a] === pack.numbers[b]",
         "turn[a] === 0 || turn[b] === 0", "pack.of_types[type[a]][type[b]] >= 0",
     ),
 }  # fmt: skip

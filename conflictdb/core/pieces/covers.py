@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.arrays.column_numbers import piece_numbers
+from conflictdb.arrays.column_numbers import CLASS, piece_numbers
 from conflictdb.arrays.distinct import is_in
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
@@ -66,8 +66,7 @@ def _pieces_by_rules(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Piec
     distinct = list(dict.fromkeys(needs))
     of_type = np.array([distinct.index(one) for one in needs])
     for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
-        every = np.arange(len(batch))
-        classes = piece_numbers(batch.numbers, every)["class_number"]
+        classes = batch.numbers[:, CLASS]
         number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), classes)]
         for i in np.unique(number).tolist():
             some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
@@ -198,7 +197,7 @@ def _covers(
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
-        **piece_numbers(batch.numbers, np.arange(n)),
+        numbers=piece_numbers(batch.numbers, np.arange(n)),
     )
 
 

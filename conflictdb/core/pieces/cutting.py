@@ -144,7 +144,7 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
-        **piece_numbers(areas.numbers, row_of),
+        numbers=piece_numbers(areas.numbers, row_of),
     )
     hulls = kernel.hulls(setup.plane.kernel_plane, pieces, setup.scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
@@ -272,7 +272,7 @@ def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[P
         leg_start_deg=legs.start_deg[leg],
         leg_end_deg=legs.end_deg[leg],
         bearing_deg=legs.bearing_deg[leg],
-        **piece_numbers(tracks.numbers, track),
+        numbers=piece_numbers(tracks.numbers, track),
     )
     return pieces, leg
 

@@ -185,7 +185,7 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
 
 /* The rows of a node as one, which meets whatever one of them meets. */
 static Row row_of_node(const Node *node) {
-    return (Row){node->box, node->floor_m, node->ceiling_m, node->span, node->is_copy, 0, 0};
+    return (Row){node->box, node->floor_m, node->ceiling_m, node->span, node->is_copy, NULL, 0};
 }
 
 /* Nodes contain rows of all types. */
@@ -248,14 +248,14 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
     if (status != KERNEL_OK) return status;
     if (!tree) return KERNEL_NULL;
     size_t n = (size_t)rows->count;
-    size_t row_size = 6 * sizeof(double) + 6 * sizeof(int64_t) + 2 * sizeof(uint8_t);
+    size_t row_size = 6 * sizeof(double) + (5 + KERNEL_NUMBERS) * sizeof(int64_t) + 2 * sizeof(uint8_t);
     char *block = malloc(sizeof(KernelBoxTree) + most_nodes(rows->count) * sizeof(Node) + n * row_size);
     if (!block) return KERNEL_NO_MEMORY;
     KernelBoxTree *made = (KernelBoxTree *)block;
     Node *nodes = (Node *)(made + 1);
     double *boxes = (double *)(nodes + most_nodes(rows->count)), *floor_m = boxes + 4 * n, *ceiling_m = floor_m + n;
     int64_t *start_us = (int64_t *)(ceiling_m + n), *end_us = start_us + n, *object = end_us + n, *number = object + n;
-    int64_t *owner = number + n, *type = owner + n;
+    int64_t *numbers = number + n, *type = numbers + KERNEL_NUMBERS * n;
     uint8_t *is_copy = (uint8_t *)(type + n), *end_inclusive = is_copy + n;
     status = kernel_box_order(rows, number);
     if (status != KERNEL_OK) {
@@ -268,11 +268,14 @@ KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree)
         floor_m[k] = rows->floor_m[i], ceiling_m[k] = rows->ceiling_m[i];
         start_us[k] = rows->start_us[i], end_us[k] = rows->end_us[i];
         object[k] = rows->object[i], is_copy[k] = rows->is_copy[i];
-        owner[k] = rows->owner ? rows->owner[i] : 0, type[k] = rows->type ? rows->type[i] : 0;
+        type[k] = rows->type ? rows->type[i] : 0;
+        for (int64_t c = 0; rows->numbers && c < KERNEL_NUMBERS; c++)
+            numbers[KERNEL_NUMBERS * k + (size_t)c] = rows->numbers[KERNEL_NUMBERS * i + c];
         end_inclusive[k] = !rows->end_inclusive || rows->end_inclusive[i];
     }
     *made = (KernelBoxTree){
-        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy, end_inclusive, owner, type},
+        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy, end_inclusive,
+                 rows->numbers ? numbers : NULL, type},
         .number = number,
         .nodes = nodes,
     };

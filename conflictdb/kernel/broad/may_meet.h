@@ -1,5 +1,5 @@
-/* The rule of a pair of pieces (stage 1). For the database sql/20_stage1_broad_phase.sql states it, and of owners and
- * types sql/12_rules.sql (_are_compared). */
+/* The rule of a pair of pieces (stage 1). For the database sql/20_stage1_broad_phase.sql states it, and of types
+ * sql/12_rules.sql (_are_compared). */
 #ifndef MAY_MEET_H
 #define MAY_MEET_H
 
@@ -36,13 +36,16 @@ static inline bool is_over(Span a, Span b, int64_t within_us) {
     return a.end_us < b.start_us && (uint64_t)b.start_us - (uint64_t)a.end_us > (uint64_t)within_us;
 }
 
+/* The numbers of a row. CLASS is not read: types are of classes. */
+enum { CLASS, OWNER };
+
 /* A piece, or several: a bundle, or a node of a tree. */
 typedef struct {
     const double *box; /* NULL: not compared */
     double floor_m, ceiling_m;
     Span span;
     bool is_copy; /* of several: all are */
-    int64_t owner; /* 0: none, or several */
+    const int64_t *numbers; /* NULL: none, or several */
     int64_t type;
 } Row;
 
@@ -53,10 +56,13 @@ static inline Row row_of(const KernelBoxes *rows, int64_t i) {
         .ceiling_m = rows->ceiling_m[i],
         .span = {rows->start_us[i], rows->end_us[i], !rows->end_inclusive || rows->end_inclusive[i]},
         .is_copy = rows->is_copy[i] != 0,
-        .owner = rows->owner ? rows->owner[i] : 0,
+        .numbers = rows->numbers ? rows->numbers + KERNEL_NUMBERS * i : NULL,
         .type = rows->type ? rows->type[i] : 0,
     };
 }
+
+/* Whether objects with these numbers, 0: without, are compared. */
+static inline bool numbers_meet(const int64_t *a, const int64_t *b) { return a[OWNER] == 0 || a[OWNER] != b[OWNER]; }
 
 /* Whether two rows of different objects may meet. */
 static inline bool may_meet(Row a, Row b, const KernelCompared *compared) {
@@ -65,7 +71,7 @@ static inline bool may_meet(Row a, Row b, const KernelCompared *compared) {
     if (!heights_meet(a.floor_m, a.ceiling_m, b.floor_m, b.ceiling_m)) return false;
     /* Of two seam copies the originals meet, too. */
     if (a.is_copy && b.is_copy) return false;
-    if (a.owner != 0 && a.owner == b.owner) return false;
+    if (a.numbers && b.numbers && !numbers_meet(a.numbers, b.numbers)) return false;
     return !compared->of_types || compared->of_types[compared->type_count * a.type + b.type];
 }
 

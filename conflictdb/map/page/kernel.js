@@ -1,6 +1,6 @@
 // The kernel of detections as WebAssembly (kernel.wasm): structures as kernel.h has them, with pointers of 32 bits.
 
-const ABI = 26; // KERNEL_ABI that the structures below are of
+const ABI = 27; // KERNEL_ABI that the structures below are of
 const OK = 0;
 const PART_BYTES = 112; // KernelDifferencePart
 const CONTACT_BYTES = 40; // KernelContact

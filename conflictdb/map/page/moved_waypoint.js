@@ -51,7 +51,7 @@ function othersNear(kernel, pack, object, legs) {
   const count = all.length;
   const nothing = (Type) => new Type(count);
   const legFirst = Int32Array.from(all, (_, n) => (n < legs.length ? 0 : 1));
-  const rows = rowsOf({ object: legFirst, turn: nothing(Int16Array), owner: nothing(Int32Array), type: nothing(Int32Array) }, { boxes: Float64Array.from(all.flat()) });
+  const rows = rowsOf({ object: legFirst, turn: nothing(Int16Array), type: nothing(Int32Array) }, { boxes: Float64Array.from(all.flat()) }, false);
   const met = kernel.boxPairs(rows, {}, BigInt64Array.from(legs, (_, n) => BigInt(n))).map(([, row]) => row - legs.length);
   const near = new Set([...met, ...[...pack.is_cover.keys()].filter((row) => pack.is_cover[row])]);
   return [...near].filter((row) => pack.object[row] !== object).sort((one, other) => one - other);

@@ -34,7 +34,7 @@ export const unbounded = (us) => (us === NEVER_BEGAN ? -Infinity : us === NEVER_
 // The pieces of some rows, as the kernel takes them; heights of all settings one after the other.
 export function taken(pack, rows) {
   const every = (name) => pack[name].constructor.from(rows, (row) => pack[name][row]);
-  const twice = (name) => Float64Array.from(rows.flatMap((row) => [pack[name][2 * row], pack[name][2 * row + 1]]));
+  const several = (name, each) => pack[name].constructor.from(rows.flatMap((row) => [...pack[name].subarray(each * row, each * row + each)]));
   const ends = rows.map((row) => [Number(pack.shape_offset[row]), Number(pack.shape_offset[row + 1])]);
   let offset = 0;
   const settings = pack.settings.map((_, n) => n * pack.object.length);
@@ -43,9 +43,9 @@ export function taken(pack, rows) {
   const vertices = (name) => Float64Array.from(ends.flatMap(([from, to]) => [...pack[name].subarray(2 * from, 2 * to)]));
   return {
     plane: pack.plane,
-    ...Object.fromEntries(["moves", "turn", ...INSTANTS, "bearing_deg", "object", "owner", "type", "is_cover", "end_inclusive"].map((name) => [name, every(name)])),
+    ...Object.fromEntries(["moves", "turn", ...INSTANTS, "bearing_deg", "object", "type", "is_cover", "end_inclusive"].map((name) => [name, every(name)])),
     floor_m: ofSettings("floor_m"), ceiling_m: ofSettings("ceiling_m"), ...(pack.climb_m && { climb_m: climb() }),
-    leg_start_deg: twice("leg_start_deg"), leg_end_deg: twice("leg_end_deg"),
+    numbers: several("numbers", pack.numbers.length / pack.object.length), leg_start_deg: several("leg_start_deg", 2), leg_end_deg: several("leg_end_deg", 2),
     shape_offset: BigInt64Array.from([0, ...ends.map(([from, to]) => (offset += to - from))], BigInt),
     shape: vertices("shape"), ...(pack.shape_to && { shape_to: vertices("shape_to") }),
   };
@@ -87,13 +87,13 @@ export function boxes({ xy, offset }) {
 }
 
 // The columns of KernelBoxes of pieces; boxes, heights and times as they are given, or null: not compared.
-export function rowsOf({ object, turn, end_inclusive: inclusive, owner, type }, { boxes: box = null, heights = null, times = null }, isOwned = true) {
+export function rowsOf({ object, turn, end_inclusive: inclusive, numbers, type }, { boxes: box = null, heights = null, times = null }, isNumbered = true) {
   const n = object.length;
   const all = (value) => new Float64Array(n).fill(value);
   return [
     box, heights?.floor_m ?? all(-Infinity), heights?.ceiling_m ?? all(Infinity), times?.start_us ?? new BigInt64Array(n), times?.end_us ?? new BigInt64Array(n),
     BigInt64Array.from(object, BigInt), Uint8Array.from(turn, (one) => one !== 0), times ? Uint8Array.from(inclusive) : null,
-    isOwned ? BigInt64Array.from(owner, BigInt) : null, BigInt64Array.from(type, BigInt),
+    isNumbered ? numbers : null, BigInt64Array.from(type, BigInt),
   ];
 }
 
@@ -104,11 +104,11 @@ export function mayMeet(kernel, rows, pairs, within = 0) {
 }
 
 // The columns of KernelBoxes of a pack within a reach, with what could not be cut everywhere.
-function columnsOf(pack, hulls, how, isOwned) {
+function columnsOf(pack, hulls, how, isNumbered) {
   const everywhere = [-Infinity, -Infinity, Infinity, Infinity];
   const box = new Float64Array(4 * pack.object.length);
   boxes(hulls).forEach((own, row) => box.set(pack.is_cover[row] ? everywhere : own, 4 * row));
-  return rowsOf(pack, { boxes: box, ...how }, isOwned);
+  return rowsOf(pack, { boxes: box, ...how }, isNumbered);
 }
 
 // Pairs of rows of a pack, { mine (of an object), other, isCovered }, that may meet; also what could not be cut, which may be anywhere.
