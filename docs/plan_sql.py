@@ -1,9 +1,9 @@
-"""Writes the lists of columns of plans in sql/, from the table `model.plan_columns`.
+"""Writes the lists of columns of plans and pieces in sql/, from `model.plan_columns` and `store.piece_columns`.
 
     ./run python docs/plan_sql.py
 
-A list stands between two comments. The first says of which kind it is (`area`, `track`, or `plan`: of either), which
-columns it has, and what it has for each:
+A list stands between two comments. The first says of which kind it is (`area`, `track`, `plan`: of either, or `piece`),
+which columns it has, and what it has for each:
 
     /* area columns: n.NAME but footprint = ST_Multi(n.footprint) */
     ST_Multi(n.footprint), n.active_span, n.floor_m, …
@@ -12,7 +12,8 @@ columns it has, and what it has for each:
 Columns: all `columns`; `answers`, whose change makes a new version; `plain`, of the forms but OWN; of these `numbers`,
 `strings`, the others, `texts` and `documents`; `numbered`, which detections read as 64-bit numbers; `measures`, numbers
 of which batches have arrays; `bytes`, shapes and lists; `few`, which few plans have; `alone`, of no other kind;
-`values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column.
+`values`, plain but documents, and one member of scene files; `checked`, whose rule needs no other column; `pieces`,
+whose numbers pieces have. Of pieces: `columns`; `content`, but ids; `scalars`, with one value a row; `numbers`.
 WORDS below has the words that are replaced. Items are joined by commas, unless each begins or ends with a comma or
 another sign of its own. A test says when a list is out of date (tests/unit/test_plan_columns.py).
 """
@@ -21,9 +22,9 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from conflictdb.arrays.column_numbers import NUMBERED, measures
+from conflictdb.arrays.column_numbers import IN_PIECES, NUMBERED, measures
 from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW
 from conflictdb.model.plan_columns import (
     AREA,
@@ -36,11 +37,12 @@ from conflictdb.model.plan_columns import (
     columns_of,
 )
 from conflictdb.model.rules import KINDS
+from conflictdb.store.piece_columns import PIECE_COLUMNS, SCALARS, PieceColumn
 
 FEW: Final = {AREA: AREA_FEW, TRACK: TRACK_FEW}
 SQL: Final = Path(__file__).resolve().parents[1] / "sql"
 _LIST: Final = re.compile(
-    r"^(?P<indent> *)/\* (?P<kind>area|track|plan) (?P<which>[a-z]+): (?P<item>[^*]+?) \*/\n"
+    r"^(?P<indent> *)/\* (?P<kind>area|track|plan|piece) (?P<which>[a-z]+): (?P<item>[^*]+?) \*/\n"
     r"(?P<body>.*?)^ */\* end \*/$",
     re.MULTILINE | re.DOTALL,
 )
@@ -160,9 +162,14 @@ def _check(one: PlanColumn, of: str) -> str:
     return f"IF NOT ({_is_valid(one, of)}) THEN FOUND := _raise({rule}, '{says}', '{one.name}_valid'); END IF;"
 
 
-WORDS: Final[dict[str, Callable[[PlanColumn], str]]] = {
+WORDS: Final[dict[str, Callable[[Any], str]]] = {
     "NAME": lambda one: one.name,
     "TYPE": lambda one: one.sql,
+    "SENT_AS": lambda one: one.sent,
+    "GIVEN": lambda one: (
+        f"coalesce(p_numbers[{IN_PIECES.index(one.name) + 1}], 0)" if one.name in IN_PIECES else f"NULL::{one.sql}"
+    ),
+    "PLACE": lambda one: str(IN_PIECES.index(one.name) + 1),
     "MEMBERS": _members,
     "MEMBER": lambda one: f"'{one.members[0]}'",
     "PARAMETER": _parameter,
@@ -173,7 +180,7 @@ WORDS: Final[dict[str, Callable[[PlanColumn], str]]] = {
     "TEMPORARY": lambda one: _STAGED_AS.get(one.name, f"{one.name} {one.sql}"),
 }
 # These have an argument, the row: WRITTEN(a).
-_OF_ROWS: Final[dict[str, Callable[[PlanColumn, str], str]]] = {
+_OF_ROWS: Final[dict[str, Callable[[Any, str], str]]] = {
     "WRITTEN": _written,
     "BYTES": _bytes,
     "TAKEN": _taken,
@@ -183,6 +190,7 @@ _OF_ROWS: Final[dict[str, Callable[[PlanColumn, str], str]]] = {
     "NUMBER": _numbered,
     "VALID": _is_valid,
     "CHECK": _check,
+    "STORED": lambda one, of: f"ST_GeomFromEWKB({of}.{one.name})" if one.sql == "geometry" else f"{of}.{one.name}",
     "PRESENT": lambda one, of: (
         f"nullif({of}.{one.name}, {one.default})" if one.absent is not None else f"{of}.{one.name}"
     ),
@@ -190,6 +198,14 @@ _OF_ROWS: Final[dict[str, Callable[[PlanColumn, str], str]]] = {
 
 
 _OF_ROW: Final = re.compile(rf"\b({'|'.join(_OF_ROWS)})\(((?:\(\w+\)|\w+))\)")
+
+
+_OF_PIECES: Final[dict[str, tuple[PieceColumn, ...]]] = {
+    "columns": PIECE_COLUMNS,
+    "content": PIECE_COLUMNS[2:],
+    "scalars": SCALARS,
+    "numbers": tuple(one for one in PIECE_COLUMNS if one.name in IN_PIECES),
+}
 
 
 def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
@@ -206,6 +222,8 @@ def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
         return (one for one in PLAN_COLUMNS if one.name in seen)
     if which == "numbered":
         return iter(NUMBERED[kind])
+    if which == "pieces":
+        return (one for one in NUMBERED[kind] if one.in_pieces)
     if which == "measures":
         return measures(kind)
     if which == "few":
@@ -230,15 +248,17 @@ def _chosen(kind: str, which: str) -> Iterator[PlanColumn]:
     return columns_of(kind)
 
 
-def _item(one: PlanColumn, template: str) -> str:
-    text = re.sub("|".join(WORDS), lambda found: WORDS[found[0]](one), template)
+def _item(one: PlanColumn | PieceColumn, template: str) -> str:
+    text = re.sub("|".join(sorted(WORDS, key=len, reverse=True)), lambda found: WORDS[found[0]](one), template)
     return _OF_ROW.sub(lambda found: _OF_ROWS[found[1]](one, found[2]), text)
 
 
 def _filled(found: re.Match[str]) -> str:
     template, *but = _BUT.split(" ".join(found["item"].split()))
     own = dict(zip(but[::2], map(str.strip, but[1::2]), strict=True))
-    each = [_item(one, own.get(one.name, template)) for one in _chosen(found["kind"], found["which"])]
+    kind, which = found["kind"], found["which"]
+    chosen = _OF_PIECES[which] if kind == "piece" else _chosen(kind, which)
+    each = [_item(one, own.get(one.name, template)) for one in chosen]
     each = [text for text in each if text]
     is_joined = template.startswith((",", "AND", "||", "CHECK")) or template.endswith((",", ";"))
     if not is_joined:

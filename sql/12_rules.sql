@@ -125,28 +125,26 @@ COMMENT ON FUNCTION _allowed_types(bigint) IS
 '_rule_names of a scene for _are_compared; null if no rule allows any pair.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._are_compared(
-    p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint,
-    p_rules jsonb
+    p_a_kind smallint, p_a_class bigint, p_b_kind smallint, p_b_class bigint, p_rules jsonb
 ) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- The most specific rule applies; of two that are as specific, one that does not allow (_rule_between).
-    SELECT (p_a_owner <> p_b_owner OR p_a_owner = 0)
-           AND (p_rules IS NULL OR NOT coalesce(
-                   CASE WHEN p_a_class <> 0 AND p_b_class <> 0
-                        THEN (p_rules -> (p_a_class || '/' || p_b_class))::boolean END,
-                   least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/k' || p_b_kind))::boolean END,
-                         CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/k' || p_a_kind))::boolean END),
-                   least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/'))::boolean END,
-                         CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/'))::boolean END),
-                   (p_rules -> ('k' || p_a_kind || '/k' || p_b_kind))::boolean,
-                   least((p_rules -> ('k' || p_a_kind || '/'))::boolean,
-                         (p_rules -> ('k' || p_b_kind || '/'))::boolean),
-                   false));
+    SELECT p_rules IS NULL OR NOT coalesce(
+               CASE WHEN p_a_class <> 0 AND p_b_class <> 0
+                    THEN (p_rules -> (p_a_class || '/' || p_b_class))::boolean END,
+               least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/k' || p_b_kind))::boolean END,
+                     CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/k' || p_a_kind))::boolean END),
+               least(CASE WHEN p_a_class <> 0 THEN (p_rules -> (p_a_class || '/'))::boolean END,
+                     CASE WHEN p_b_class <> 0 THEN (p_rules -> (p_b_class || '/'))::boolean END),
+               (p_rules -> ('k' || p_a_kind || '/k' || p_b_kind))::boolean,
+               least((p_rules -> ('k' || p_a_kind || '/'))::boolean,
+                     (p_rules -> ('k' || p_b_kind || '/'))::boolean),
+               false);
 END;
-COMMENT ON FUNCTION _are_compared(smallint, bigint, bigint, smallint, bigint, bigint, jsonb) IS
-'Whether two objects, by the numbers of their classes and owners (0: none), are compared: not those of one owner, nor '
-'those that rules allow (_allowed_types). Inlined into queries.';
+COMMENT ON FUNCTION _are_compared(smallint, bigint, smallint, bigint, jsonb) IS
+'Whether rules do not allow (_allowed_types) two objects, by the numbers of their classes (0: none). Inlined into '
+'queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_settings(p_scene_id bigint) RETURNS jsonb
 LANGUAGE sql STABLE STRICT PARALLEL SAFE

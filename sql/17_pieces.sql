@@ -189,18 +189,24 @@ COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_of(p_row piece) RETURNS SETOF piece
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- All columns, in their order; without the arrays of bundles, which a CTE would copy.
-    SELECT (p_row).piece_id, (p_row).scene_id, (p_row).object_kind, (p_row).object_id, (p_row).version, n.part,
-           (p_row).turn, n.hull,
-           CASE WHEN (p_row).cuts IS NULL THEN (p_row).span
-                ELSE tstzrange((p_row).cuts[n.nr], (p_row).cuts[n.nr + 1],
-                               CASE WHEN n.nr < cardinality((p_row).parts) OR upper_inc((p_row).span) THEN '[]'
-                                    ELSE '[)' END) END AS span,
-           (p_row).floor_m, (p_row).ceiling_m, coalesce(n.shape, (p_row).shape), (p_row).leg_start, (p_row).leg_end,
-           (p_row).start_lon_deg, (p_row).start_lat_deg, (p_row).end_lon_deg, (p_row).end_lat_deg,
-           (p_row).bearing_deg, (p_row).shape_to, 1, NULL::integer[], NULL::geometry, NULL::geometry,
-           NULL::timestamptz[], NULL::timestamptz[], NULL::double precision[], (p_row).climb, (p_row).class_number,
-           (p_row).owner_number
+    -- Without the arrays of bundles, which a CTE would copy.
+    SELECT
+        /* piece columns: (p_row).NAME but part = n.part but hull = n.hull
+           but span = CASE WHEN (p_row).cuts IS NULL THEN (p_row).span
+                           ELSE tstzrange((p_row).cuts[n.nr], (p_row).cuts[n.nr + 1],
+                                          CASE WHEN n.nr < cardinality((p_row).parts) OR upper_inc((p_row).span)
+                                               THEN '[]' ELSE '[)' END) END
+           but shape = coalesce(n.shape, (p_row).shape) but pieces = 1 but parts = NULL::TYPE but hulls = NULL::TYPE
+           but shapes = NULL::TYPE but cuts = NULL::TYPE but leg_times = NULL::TYPE but legs = NULL::TYPE */
+        (p_row).piece_id, (p_row).scene_id, (p_row).object_kind, (p_row).object_id, (p_row).version, n.part,
+        (p_row).turn, n.hull,
+        CASE WHEN (p_row).cuts IS NULL THEN (p_row).span ELSE tstzrange((p_row).cuts[n.nr], (p_row).cuts[n.nr + 1], CASE
+            WHEN n.nr < cardinality((p_row).parts) OR upper_inc((p_row).span) THEN '[]' ELSE '[)' END) END,
+        (p_row).floor_m, (p_row).ceiling_m, coalesce(n.shape, (p_row).shape), (p_row).leg_start, (p_row).leg_end,
+        (p_row).start_lon_deg, (p_row).start_lat_deg, (p_row).end_lon_deg, (p_row).end_lat_deg, (p_row).bearing_deg,
+        (p_row).shape_to, 1, NULL::integer[], NULL::geometry, NULL::geometry, NULL::timestamptz[], NULL::timestamptz[],
+        NULL::double precision[], (p_row).climb, (p_row).class_number, (p_row).owner_number
+        /* end */
     FROM ROWS FROM (unnest(coalesce((p_row).parts, ARRAY[(p_row).part])),
                     ST_Dump(coalesce((p_row).hulls, (p_row).hull)), ST_Dump((p_row).shapes))
          WITH ORDINALITY n (part, hull_path, hull, shape_path, shape, nr);
@@ -247,24 +253,27 @@ BEGIN
         SELECT k.piece_id, m.place
         FROM known k FULL JOIN (SELECT m.ctid AS place, m.* FROM pg_temp.made_piece m) m
             USING (object_kind, object_id, part, turn)
-        WHERE (k.version, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape, k.shape_to, k.leg_start, k.leg_end,
-               k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg, k.parts, k.hulls,
-               k.shapes, k.cuts, k.leg_times, k.legs, k.climb, k.class_number, k.owner_number)
-              IS DISTINCT FROM
-              (m.version, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end,
-               m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls,
-               m.shapes, m.cuts, m.leg_times, m.legs, m.climb, m.class_number, m.owner_number)
+        WHERE (
+            /* piece content: k.NAME */
+            k.object_kind, k.object_id, k.version, k.part, k.turn, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape,
+            k.leg_start, k.leg_end, k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg,
+            k.shape_to, k.pieces, k.parts, k.hulls, k.shapes, k.cuts, k.leg_times, k.legs, k.climb, k.class_number,
+            k.owner_number
+            /* end */
+            ) IS DISTINCT FROM (
+            /* piece content: m.NAME */
+            m.object_kind, m.object_id, m.version, m.part, m.turn, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape,
+            m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg,
+            m.shape_to, m.pieces, m.parts, m.hulls, m.shapes, m.cuts, m.leg_times, m.legs, m.climb, m.class_number,
+            m.owner_number
+            /* end */
+            )
     ), removed AS (
         DELETE FROM piece p USING difference d WHERE p.piece_id = d.piece_id
     ), added AS (
-        INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
-                           ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs, climb, class_number,
-                           owner_number)
-            SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn, m.hull, m.span,
-                   m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg,
-                   m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls, m.shapes, m.cuts,
-                   m.leg_times, m.legs, m.climb, m.class_number, m.owner_number
+        -- Gives new ids: the table has the columns of piece.
+        INSERT INTO piece OVERRIDING USER VALUE
+            SELECT m.*
             FROM difference d JOIN pg_temp.made_piece m ON m.ctid = d.place
     )
     SELECT count(*) INTO v_changed FROM difference;

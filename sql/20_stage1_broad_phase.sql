@@ -49,8 +49,9 @@ BEGIN ATOMIC
            AND _heights_meet((p_a).floor_m, (p_a).ceiling_m, (p_b).floor_m, (p_b).ceiling_m)
            -- Of two seam copies the originals meet, too.
            AND ((p_a).turn = 0 OR (p_b).turn = 0)
-           AND _are_compared((p_a).object_kind, (p_a).class_number, (p_a).owner_number, (p_b).object_kind,
-                             (p_b).class_number, (p_b).owner_number, p_allowed);
+           -- Numbers are 0 of objects without.
+           AND ((p_a).owner_number <> (p_b).owner_number OR (p_a).owner_number = 0)
+           AND _are_compared((p_a).object_kind, (p_a).class_number, (p_b).object_kind, (p_b).class_number, p_allowed);
 END;
 COMMENT ON FUNCTION _pieces_may_meet(piece, piece, double precision, jsonb) IS
 'Stage 1: whether two rows of pieces, of different objects, may meet: boxes, times within p_within_s, and heights '
@@ -59,31 +60,41 @@ COMMENT ON FUNCTION _pieces_may_meet(piece, piece, double precision, jsonb) IS
 'row costs more.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._given_piece(
-    p_number bigint, p_kind smallint, p_object_id bigint, p_class bigint, p_owner bigint, p_part integer,
-    p_turn integer, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+    p_number bigint, p_kind smallint, p_object_id bigint, p_numbers bigint[], p_part integer, p_turn integer,
+    p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS SETOF piece
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE ROWS 1
 BEGIN ATOMIC
-    -- All columns, in their order.
-    SELECT p_number AS piece_id, NULL::bigint AS scene_id, p_kind AS object_kind, p_object_id AS object_id,
-           NULL::bigint AS version, p_part AS part, p_turn::smallint AS turn, p_hull AS hull, p_span AS span,
-           p_floor_m AS floor_m, p_ceiling_m AS ceiling_m, NULL::geometry AS shape, NULL::timestamptz AS leg_start,
-           NULL::timestamptz AS leg_end, NULL::double precision AS start_lon_deg,
-           NULL::double precision AS start_lat_deg, NULL::double precision AS end_lon_deg,
-           NULL::double precision AS end_lat_deg, NULL::double precision AS bearing_deg, NULL::geometry AS shape_to,
-           1 AS pieces, NULL::integer[] AS parts, NULL::geometry AS hulls, NULL::geometry AS shapes,
-           NULL::timestamptz[] AS cuts, NULL::timestamptz[] AS leg_times, NULL::double precision[] AS legs,
-           NULL::double precision[] AS climb, p_class AS class_number, p_owner AS owner_number;
+    SELECT
+        /* piece columns: GIVEN but piece_id = p_number but object_kind = p_kind but object_id = p_object_id
+           but part = p_part but turn = p_turn::smallint but hull = p_hull but span = p_span but floor_m = p_floor_m
+           but ceiling_m = p_ceiling_m but pieces = 1 */
+        p_number, NULL::bigint, p_kind, p_object_id, NULL::bigint, p_part, p_turn::smallint, p_hull, p_span, p_floor_m,
+        p_ceiling_m, NULL::geometry, NULL::timestamptz, NULL::timestamptz, NULL::double precision,
+        NULL::double precision, NULL::double precision, NULL::double precision, NULL::double precision, NULL::geometry,
+        1, NULL::integer[], NULL::geometry, NULL::geometry, NULL::timestamptz[], NULL::timestamptz[],
+        NULL::double precision[], NULL::double precision[], coalesce(p_numbers[1], 0), coalesce(p_numbers[2], 0)
+        /* end */
+        ;
 END;
-COMMENT ON FUNCTION _given_piece(
-    bigint, smallint, bigint, bigint, bigint, integer, integer, geometry, tstzrange, double precision,
-    double precision) IS
-'A piece that is not stored, as a row for _pieces_may_meet; piece_id: p_number. Inlined into queries.';
+COMMENT ON FUNCTION _given_piece IS
+'A piece that is not stored, as a row for _pieces_may_meet; piece_id: p_number; p_numbers: of the columns that plans '
+'give numbers, 0 where there is none. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._numbers_of(p_numbers bigint[], p_n bigint) RETURNS bigint[]
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT ARRAY[
+        /* piece numbers: p_numbers[p_n][PLACE] */
+        p_numbers[p_n][1], p_numbers[p_n][2]
+        /* end */
+        ];
+END;
+COMMENT ON FUNCTION _numbers_of(bigint[], bigint) IS 'A row of an array of two dimensions. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._given_pieces(
-    p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[],
-    p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[],
-    p_ceilings_m double precision[]
+    p_scene_id bigint, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[],
+    p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS SETOF piece
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -92,19 +103,17 @@ DECLARE
 BEGIN
     RETURN QUERY
         SELECT f.*
-        FROM unnest(p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m,
-                    p_ceilings_m) WITH ORDINALITY
-             u (kind, class, owner, turn, hull, start_us, end_us, is_inclusive, floor_m, ceiling_m, n)
+        FROM unnest(p_kinds, p_turns, p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m)
+             WITH ORDINALITY u (kind, turn, hull, start_us, end_us, is_inclusive, floor_m, ceiling_m, n)
         CROSS JOIN LATERAL _given_piece(
-            u.n, u.kind, NULL, u.class, u.owner, NULL, u.turn, ST_GeomFromWKB(u.hull, v_srid),
+            u.n, u.kind, NULL, _numbers_of(p_numbers, u.n), NULL, u.turn, ST_GeomFromWKB(u.hull, v_srid),
             tstzrange(_instant_of(u.start_us), _instant_of(u.end_us), CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END),
             u.floor_m, u.ceiling_m) f;
 END
 $$;
-COMMENT ON FUNCTION _given_pieces(
-    bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[], double precision[],
-    double precision[]) IS
-'Pieces of plans that the client has cut, as rows for _pieces_may_meet; piece_id counts them from 1.';
+COMMENT ON FUNCTION _given_pieces IS
+'Pieces of plans that the client has cut, as rows for _pieces_may_meet; piece_id counts them from 1. p_numbers: a row '
+'of numbers for each.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._object_number(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
@@ -315,8 +324,11 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
     p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
     OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
-    OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea, OUT marks bytea,
-    OUT with_numbers bytea
+    OUT span_starts bytea, OUT span_ends bytea,
+    /* piece numbers: OUT NAMEs bytea, */
+    OUT class_numbers bytea, OUT owner_numbers bytea,
+    /* end */
+    OUT marks bytea, OUT with_numbers bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
 DECLARE
@@ -352,14 +364,22 @@ BEGIN
            array_send(coalesce(array_agg(ST_XMax(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMax(r.box)), '{}')),
            array_send(coalesce(array_agg(r.floor_m), '{}')), array_send(coalesce(array_agg(r.ceiling_m), '{}')),
            array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}')),
-           array_send(coalesce(array_agg(r.class_number), '{}')),
-           array_send(coalesce(array_agg(r.owner_number), '{}')),
+           /* piece numbers: array_send(coalesce(array_agg(r.NAME), '{}')), */
+           array_send(coalesce(array_agg(r.class_number), '{}')), array_send(coalesce(array_agg(r.owner_number), '{}')),
+           /* end */
            array_send(coalesce(array_agg(r.marks), '{}')), array_send(v_with)
         INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
-             span_ends, classes, owners, marks, with_numbers
+             span_ends,
+             /* piece numbers: NAMEs, */
+             class_numbers, owner_numbers,
+             /* end */
+             marks, with_numbers
         -- OFFSET 0: compute each box once.
         FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
-                     p.hull::box3d AS box, p.floor_m, p.ceiling_m, p.class_number, p.owner_number,
+                     p.hull::box3d AS box, p.floor_m, p.ceiling_m,
+                     /* piece numbers: p.NAME, */
+                     p.class_number, p.owner_number,
+                     /* end */
                      coalesce(lower(p.span), '-infinity') AS span_start,
                      coalesce(upper(p.span), 'infinity') AS span_end,
                      CASE WHEN v_is_all THEN 1 ELSE coalesce(m.marks, 0) END AS marks
@@ -381,9 +401,12 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     OUT span_start timestamptz, OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT leg_start timestamptz, OUT leg_end timestamptz,
     OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision,
-    OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint,
-    OUT owner_number bigint, OUT hull bytea, OUT shape bytea,
-    OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea
+    OUT end_lat_deg double precision, OUT bearing_deg double precision,
+    /* piece numbers: OUT NAME TYPE, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
+    OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea,
+    OUT legs bytea, OUT climb bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -393,7 +416,9 @@ BEGIN ATOMIC
            p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),
            coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
            coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
+           /* piece numbers: p.NAME, */
            p.class_number, p.owner_number,
+           /* end */
            ST_AsBinary(coalesce(p.hulls, p.hull), 'NDR'), ST_AsBinary(coalesce(p.shapes, p.shape), 'NDR'),
            coalesce(ST_AsBinary(p.shape_to, 'NDR'), ''), coalesce(array_send(p.parts), ''),
            coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), ''),

@@ -139,22 +139,27 @@ COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
 'Tracks of a scene by id, ids not in the scene are skipped; columns of _track_row, ordered by id.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
-    p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[],
-    p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[],
-    p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[],
+    p_scene_id bigint, p_most bigint, p_most_compared bigint,
+    /* piece scalars: p_NAME SENT_AS[], */
+    p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_part integer[], p_turn smallint[],
+    p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[],
     p_leg_start timestamptz[], p_leg_end timestamptz[], p_start_lon_deg double precision[],
     p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[],
-    p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[],
-    p_hulls bytea[], p_shapes bytea[], p_parts integer[],
-    p_starts timestamptz[], p_leg_times timestamptz[], p_legs double precision[],
-    p_climbs boolean[], p_climb double precision[],
+    p_bearing_deg double precision[], p_shape_to bytea[], p_pieces integer[], p_class_number bigint[],
+    p_owner_number bigint[],
+    /* end */
+    p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamptz[],
+    p_leg_times timestamptz[], p_legs double precision[], p_climbs boolean[], p_climb double precision[],
     OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint,
     OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
     OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
     OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
-    OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea,
-    OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
+    OUT bearing_deg double precision,
+    /* piece numbers: OUT NAME TYPE, */
+    OUT class_number bigint, OUT owner_number bigint,
+    /* end */
+    OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
     OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea,
     OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
@@ -180,14 +185,20 @@ DECLARE
 BEGIN
     -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
-        INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
-                           ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, class_number, owner_number, parts, hulls, shapes, cuts, leg_times,
-                           legs, climb)
-            SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn,
-                   ST_GeomFromEWKB(m.hull), m.span, m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape),
-                   ST_GeomFromEWKB(m.shape_to), m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
-                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.class_number, m.owner_number,
+        INSERT INTO piece (scene_id,
+                           /* piece scalars: NAME, */
+                           object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape,
+                           leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg,
+                           shape_to, pieces, class_number, owner_number,
+                           /* end */
+                           parts, hulls, shapes, cuts, leg_times, legs, climb)
+            SELECT p_scene_id,
+                   /* piece scalars: STORED(m), */
+                   m.object_kind, m.object_id, m.version, m.part, m.turn, ST_GeomFromEWKB(m.hull), m.span, m.floor_m,
+                   m.ceiling_m, ST_GeomFromEWKB(m.shape), m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
+                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg, ST_GeomFromEWKB(m.shape_to), m.pieces, m.class_number,
+                   m.owner_number,
+                   /* end */
                    CASE WHEN m.pieces > 1 THEN p_parts[m.first:m.first + m.pieces - 1] END,
                    ST_GeomFromEWKB(m.hulls), ST_GeomFromEWKB(m.shapes),
                    CASE WHEN m.has_slices THEN p_starts[m.first:m.first + m.pieces - 1] || upper(m.span) END,
@@ -195,13 +206,21 @@ BEGIN
                    CASE WHEN m.has_slices THEN p_legs[5 * m.first - 4:5 * (m.first + m.pieces - 1)] END,
                    CASE WHEN m.climbs THEN p_climb[4 * m.first - 3:4 * m.first] END
             FROM (SELECT u.*, u.pieces > 1 AND u.object_kind = 1 AS has_slices
-                  FROM unnest(p_object_kind, p_object_id, p_version, p_pieces, p_part, p_turn, p_hull, p_span,
-                              p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg,
-                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_class_number,
-                              p_owner_number, p_first, p_hulls, p_shapes, p_climbs)
-                       u (object_kind, object_id, version, pieces, part, turn, hull, span, floor_m, ceiling_m, shape,
-                          shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
-                          bearing_deg, class_number, owner_number, first, hulls, shapes, climbs)) m
+                  FROM unnest(
+                           /* piece scalars: p_NAME, */
+                           p_object_kind, p_object_id, p_version, p_part, p_turn, p_hull, p_span, p_floor_m,
+                           p_ceiling_m, p_shape, p_leg_start, p_leg_end, p_start_lon_deg, p_start_lat_deg,
+                           p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_shape_to, p_pieces, p_class_number,
+                           p_owner_number,
+                           /* end */
+                           p_first, p_hulls, p_shapes, p_climbs)
+                       u (
+                           /* piece scalars: NAME, */
+                           object_kind, object_id, version, part, turn, hull, span, floor_m, ceiling_m, shape,
+                           leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg,
+                           shape_to, pieces, class_number, owner_number,
+                           /* end */
+                           first, hulls, shapes, climbs)) m
             RETURNING piece_id, object_kind, object_id
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
@@ -255,12 +274,7 @@ BEGIN
         ORDER BY p.rank;
 END
 $$;
-COMMENT ON FUNCTION _put_pieces(
-    bigint, bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
-    double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
-    double precision[], double precision[], double precision[], double precision[], bigint[], bigint[], integer[],
-    bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[], boolean[], double precision[])
-    IS
+COMMENT ON FUNCTION _put_pieces IS
 'Stores the pieces of the objects from _begin_detection and runs stage 1 for them, at most p_most pairs of rows; also '
 'stage 2 if they contain at most p_most_compared pairs of pieces. Returns all rows of pieces that are in a pair left, '
 'with the columns of _pieces, in order of rank; one row without a piece if there is none. met: ids of the rows that a '

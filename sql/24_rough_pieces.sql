@@ -185,14 +185,26 @@ BEGIN ATOMIC
         WHERE p_with_schedules AND t.scene_id = p_scene_id AND t.schedule IS NOT NULL
     ), object AS (
         -- Only those that are there during p_span, as an index would tell: the rule of a pair comes after the box.
-        SELECT 0::smallint AS kind, a.area_id AS id, a.class, a.owner, a.schedule IS NULL AS is_known,
+        SELECT 0::smallint AS kind, a.area_id AS id,
+               ARRAY[
+                   /* area pieces: NUMBER(a) */
+                   _word_number(a.class), _word_number(a.owner)
+                   /* end */
+                   ] AS numbers,
+               a.schedule IS NULL AS is_known,
                a.footprint::geometry AS place, 0::double precision AS reach_m,
                CASE WHEN a.schedule IS NULL THEN a.active_span ELSE '(,)' END AS span, a.floor_m, a.ceiling_m
         FROM uncut n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
         WHERE n.object_kind = 0
           AND (a.schedule IS NOT NULL OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && p_span)
         UNION ALL
-        SELECT 1::smallint, t.track_id, t.class, t.owner, num_nonnulls(t.tolerances, t.schedule) = 0,
+        SELECT 1::smallint, t.track_id,
+               ARRAY[
+                   /* track pieces: NUMBER(t) */
+                   _word_number(t.class), _word_number(t.owner)
+                   /* end */
+                   ],
+               num_nonnulls(t.tolerances, t.schedule) = 0,
                CASE WHEN t.tolerances IS NULL THEN t.path END, _track_reach_m(t), _track_span(t), t.floor_m,
                t.ceiling_m
         FROM uncut n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
@@ -201,7 +213,7 @@ BEGIN ATOMIC
     SELECT p.*
     FROM scene s CROSS JOIN object o
     CROSS JOIN LATERAL _given_piece(
-        NULL, o.kind, o.id, _word_number(o.class), _word_number(o.owner), CASE WHEN o.is_known THEN 0 ELSE -1 END, 0,
+        NULL, o.kind, o.id, o.numbers, CASE WHEN o.is_known THEN 0 ELSE -1 END, 0,
         _uncut_hull(s.row, o.place, o.reach_m, p_wanted_m),
         CASE WHEN s.is_closed THEN tstzrange(lower(o.span), upper(o.span), '[]') ELSE o.span END,
         coalesce(o.floor_m, '-infinity') - s.half_m,
@@ -230,9 +242,9 @@ COMMENT ON FUNCTION _leg(geometry, geometry) IS
 'earth; null if that is not certain.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._rough_pieces_at(
-    p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_classes bigint[],
-    p_owners bigint[], p_are_known boolean[], p_places geometry[], p_reaches_m double precision[],
-    p_spans tstzmultirange[], p_floors_m double precision[], p_ceilings_m double precision[]
+    p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_numbers bigint[],
+    p_are_known boolean[], p_places geometry[], p_reaches_m double precision[], p_spans tstzmultirange[],
+    p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS TABLE (rough piece, shape geometry, padding_m double precision)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -247,10 +259,10 @@ BEGIN
         INTO v_plane, v_turn_m, v_is_closed FROM scene s WHERE s.scene_id = p_scene_id;
     RETURN QUERY
         SELECT q, p.shape, p.padding_m
-        FROM unnest(p_kinds, p_ids, p_classes, p_owners, p_are_known, p_reaches_m, p_spans, p_floors_m, p_ceilings_m,
+        FROM unnest(p_kinds, p_ids, p_are_known, p_reaches_m, p_spans, p_floors_m, p_ceilings_m,
                     _each_to_plane(ARRAY(SELECT coalesce(e.place, 'SRID=4326;POINT EMPTY')
                                          FROM unnest(p_places) WITH ORDINALITY e (place, n) ORDER BY e.n), v_plane))
-             u (kind, id, class, owner, is_known, reach_m, spans, floor_m, ceiling_m, shape)
+             WITH ORDINALITY u (kind, id, is_known, reach_m, spans, floor_m, ceiling_m, shape, n)
         CROSS JOIN LATERAL (SELECT coalesce(_rough_padding_m(_out_m(u.shape, v_plane), u.reach_m, p_wanted_m, v_plane),
                                             'infinity') AS padding_m OFFSET 0) d
         CROSS JOIN LATERAL (
@@ -267,16 +279,15 @@ BEGIN
                                          _plane_srid(v_plane)) WHERE d.padding_m = 'infinity') p
         CROSS JOIN LATERAL unnest(u.spans) s (span)
         CROSS JOIN LATERAL _given_piece(
-            NULL, u.kind, u.id, u.class, u.owner, CASE WHEN u.is_known AND d.padding_m < 'infinity' THEN 0 ELSE -1 END,
-            -p.turn, ST_Expand(p.shape, p.padding_m),
+            NULL, u.kind, u.id, _numbers_of(p_numbers, u.n),
+            CASE WHEN u.is_known AND d.padding_m < 'infinity' THEN 0 ELSE -1 END, -p.turn,
+            ST_Expand(p.shape, p.padding_m),
             CASE WHEN v_is_closed THEN tstzrange(lower(s.span), upper(s.span), '[]') ELSE s.span END,
             coalesce(u.floor_m, '-infinity') - v_half_m,
             coalesce(_ceiling_m(u.ceiling_m + v_half_m, v_is_closed), 'infinity')) q;
 END
 $$;
-COMMENT ON FUNCTION _rough_pieces_at(
-    bigint, double precision, smallint[], bigint[], bigint[], bigint[], boolean[], geometry[], double precision[],
-    tstzmultirange[], double precision[], double precision[]) IS
+COMMENT ON FUNCTION _rough_pieces_at IS
 'Rough pieces of places (longitude and latitude, degrees; null: anywhere) and all within a reach of them, for each '
 'span. p_wanted_m: as of _rough_padding_m. rough: a row for _pieces_may_meet, with the box of the shape, in metres of '
 'the plane, and the padding around it; part -1, as of pieces of objects that are not solved, unless p_are_known.';
@@ -291,21 +302,29 @@ BEGIN
         RETURN QUERY
             SELECT r.*
             FROM (SELECT array_agg(0::smallint) AS kinds, array_agg(a.area_id) AS ids,
-                         array_agg(_word_number(a.class)) AS classes, array_agg(_word_number(a.owner)) AS owners,
+                         array_agg(ARRAY[
+                             /* area pieces: NUMBER(a) */
+                             _word_number(a.class), _word_number(a.owner)
+                             /* end */
+                             ]) AS numbers,
                          array_agg(a.schedule IS NULL) AS known, array_agg(a.footprint::geometry) AS places,
                          array_agg(0::double precision) AS reaches_m,
                          array_agg(CASE WHEN a.schedule IS NOT NULL THEN '{(,)}'
                                         ELSE coalesce(a.activations, tstzmultirange(a.active_span)) END) AS spans,
                          array_agg(a.floor_m) AS floors_m, array_agg(a.ceiling_m) AS ceilings_m
                   FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n AND a.scene_id + 0 = p_scene_id) o
-            CROSS JOIN LATERAL _rough_pieces_at(p_scene_id, p_wanted_m, o.kinds, o.ids, o.classes, o.owners, o.known,
-                                                o.places, o.reaches_m, o.spans, o.floors_m, o.ceilings_m) r;
+            CROSS JOIN LATERAL _rough_pieces_at(p_scene_id, p_wanted_m, o.kinds, o.ids, o.numbers, o.known, o.places,
+                                                o.reaches_m, o.spans, o.floors_m, o.ceilings_m) r;
     END IF;
     IF cardinality(p_track_ids) > 0 THEN
         RETURN QUERY
             SELECT r.*
             FROM (SELECT array_agg(1::smallint) AS kinds, array_agg(t.track_id) AS ids,
-                         array_agg(_word_number(t.class)) AS classes, array_agg(_word_number(t.owner)) AS owners,
+                         array_agg(ARRAY[
+                             /* track pieces: NUMBER(t) */
+                             _word_number(t.class), _word_number(t.owner)
+                             /* end */
+                             ]) AS numbers,
                          array_agg(num_nonnulls(t.tolerances, t.schedule) = 0) AS known, array_agg(l.place) AS places,
                          array_agg(_track_reach_m(t)) AS reaches_m, array_agg(l.spans) AS spans,
                          array_agg(t.floor_m) AS floors_m, array_agg(t.ceiling_m) AS ceilings_m
@@ -326,8 +345,8 @@ BEGIN
                                    _leg(p.geom, lead(p.geom) OVER o) AS place
                             FROM ST_DumpPoints(t.path) p WINDOW o AS (ORDER BY p.path[1])) w
                       WHERE w.end_s IS NOT NULL AND t.tolerances IS NULL) l) o
-            CROSS JOIN LATERAL _rough_pieces_at(p_scene_id, p_wanted_m, o.kinds, o.ids, o.classes, o.owners, o.known,
-                                                o.places, o.reaches_m, o.spans, o.floors_m, o.ceilings_m) r;
+            CROSS JOIN LATERAL _rough_pieces_at(p_scene_id, p_wanted_m, o.kinds, o.ids, o.numbers, o.known, o.places,
+                                                o.reaches_m, o.spans, o.floors_m, o.ceilings_m) r;
     END IF;
 END
 $$;

@@ -349,8 +349,8 @@ BEGIN
         WITH given AS MATERIALIZED (
             -- Of no class: compared with all.
             SELECT r.*, (r.rough).span FROM _rough_pieces_at(
-                p_scene_id, v_wanted_m, ARRAY[0::smallint], ARRAY[NULL::bigint], ARRAY[0::bigint], ARRAY[0::bigint],
-                ARRAY[true], ARRAY[coalesce(v_place, p_geometry)], ARRAY[p_reach_m],
+                p_scene_id, v_wanted_m, ARRAY[0::smallint], ARRAY[NULL::bigint], '{}', ARRAY[true],
+                ARRAY[coalesce(v_place, p_geometry)], ARRAY[p_reach_m],
                 ARRAY[tstzmultirange(p_span)], ARRAY[p_floor_m], ARRAY[p_ceiling_m]) r
         )
         SELECT p.object_kind, p.object_id, p.version, _shared_span(u.span, g.span, v_within_s),

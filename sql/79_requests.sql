@@ -13,9 +13,9 @@ COMMENT ON FUNCTION _instant_of(bigint) IS
 'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_meeting(
-    p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_classes bigint[], p_owners bigint[],
-    p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
-    p_floors_m double precision[], p_ceilings_m double precision[]
+    p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_numbers bigint[], p_turns integer[],
+    p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[],
+    p_ceilings_m double precision[]
 ) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint, part integer)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces the index join, as in _candidates.
@@ -28,7 +28,7 @@ BEGIN
         WITH near AS MATERIALIZED (
             SELECT q.given, p.piece_id, p.pieces, p.object_kind, p.object_id
             FROM (SELECT g AS given
-                  FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
+                  FROM _given_pieces(p_scene_id, p_kinds, p_numbers, p_turns, p_hulls, p_starts_us, p_ends_us,
                                      p_inclusive, p_floors_m, p_ceilings_m) g OFFSET 0) q
             JOIN piece p ON _pieces_may_meet(q.given, p, 0, v_allowed) AND p.scene_id = p_scene_id
             WHERE NOT EXISTS (SELECT FROM area a
@@ -46,9 +46,7 @@ BEGIN
         WHERE NOT f.is_few OR u.part IS NOT NULL;
 END
 $$;
-COMMENT ON FUNCTION _pieces_meeting(
-    bigint, bigint, text, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[],
-    double precision[], double precision[]) IS
+COMMENT ON FUNCTION _pieces_meeting IS
 'Stages 1 and 2 for pieces that are not stored (_given_pieces): pairs of a given piece (n, from 0) and a piece (row '
 'and part) of the scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of '
 'pieces are to be compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';

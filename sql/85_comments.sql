@@ -118,8 +118,10 @@ COMMENT ON COLUMN piece.turn IS '0; -1 for a copy, one turn to the west, of a pi
 COMMENT ON COLUMN piece.hull IS
 'Convex hull swept during the span, padded by tolerance and separation: metres of the scene''s plane (EPSG:3395 for '
 'rhumb on wgs84, else no SRID), shifted by turn. For a bundle: bounding box of all hulls.';
+/* plan pieces: COMMENT ON COLUMN piece.NAME_number IS 'Number of the NAME of the object (_word_number), 0 without.'; */
 COMMENT ON COLUMN piece.class_number IS 'Number of the class of the object (_word_number), 0 without.';
 COMMENT ON COLUMN piece.owner_number IS 'Number of the owner of the object (_word_number), 0 without.';
+/* end */
 COMMENT ON COLUMN piece.span IS 'Time span; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'Highest height, metres, exclusive; infinity: no limit.';

@@ -130,7 +130,7 @@ COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
     p_scene_id bigint, p_wanted_m double precision, p_from_us bigint, p_until_us bigint, p_kinds smallint[],
-    p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
+    p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
     p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text, is_stale boolean)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
@@ -147,8 +147,8 @@ BEGIN
     RETURN QUERY
         WITH given AS MATERIALIZED (
             SELECT g AS piece
-            FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
-                               p_inclusive, p_floors_m, p_ceilings_m) g
+            FROM _given_pieces(p_scene_id, p_kinds, p_numbers, p_turns, p_hulls, p_starts_us, p_ends_us, p_inclusive,
+                               p_floors_m, p_ceilings_m) g
         ), uncut AS MATERIALIZED (
             SELECT u AS piece
             FROM (SELECT range_merge(range_agg((g.piece).span)) AS span FROM given g) w
@@ -169,18 +169,15 @@ BEGIN
         FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
 END
 $$;
-COMMENT ON FUNCTION _objects_near(
-    bigint, double precision, bigint, bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[],
-    boolean[], double precision[], double precision[]) IS
+COMMENT ON FUNCTION _objects_near IS
 'Objects of a scene that given pieces (_given_pieces) may meet, by the pieces of the last detection, or by rough '
 'pieces if they changed since. If schedules are not expanded from p_from_us until p_until_us (microseconds; 9e18 and '
 'more: no limit), also objects with a schedule that may ever be there. p_wanted_m: as of _rough_padding_m. is_stale: '
 'the schedule must be expanded for that time.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled_near(
-    p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[],
-    p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[],
-    p_ceilings_m double precision[]
+    p_scene_id bigint, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[],
+    p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS TABLE (key text)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -191,17 +188,15 @@ BEGIN
             SELECT u AS piece FROM _uncut_pieces(p_scene_id, _wanted_m(p_scene_id), true, '(,)') u
         ), near AS (
             SELECT DISTINCT (u.piece).object_kind, (u.piece).object_id
-            FROM _given_pieces(p_scene_id, p_kinds, p_classes, p_owners, p_turns, p_hulls, p_starts_us, p_ends_us,
-                               p_inclusive, p_floors_m, p_ceilings_m) g
+            FROM _given_pieces(p_scene_id, p_kinds, p_numbers, p_turns, p_hulls, p_starts_us, p_ends_us, p_inclusive,
+                               p_floors_m, p_ceilings_m) g
             JOIN uncut u ON _pieces_may_meet(g, u.piece, 0, v_allowed)
         )
         SELECT k.key FROM near n
         CROSS JOIN LATERAL _keys_of(p_scene_id, ARRAY[n.object_kind], ARRAY[n.object_id]) k;
 END
 $$;
-COMMENT ON FUNCTION _scheduled_near(
-    bigint, smallint[], bigint[], bigint[], integer[], bytea[], bigint[], bigint[], boolean[], double precision[],
-    double precision[]) IS
+COMMENT ON FUNCTION _scheduled_near IS
 'Keys of the objects of a scene that given pieces (_given_pieces) may meet at some time, by rough pieces: of those '
 'with a schedule, and those that changed since the last detection.';
 

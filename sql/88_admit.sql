@@ -139,7 +139,7 @@ BEGIN
                          (m.rough).span * (m.other).span AS span,
                          v_scene.may_decide AND (m.rough).object_kind + (m.other).object_kind = 0
                          AND (m.rough).part >= 0 AND (m.other).part >= 0
-                         AND _pieces_may_meet(i, m.other, 0, v_allowed)
+                         AND _pieces_may_meet(i, m.other, 0, NULL)
                          AND _areas_overlap(m.shape, m.other_shape,
                                             2 * _rough_padding_m(_out_m(m.shape, v_scene.plane), 0, v_scene.tolerance_m,
                                                                  v_scene.plane) + 1e-5)
@@ -147,8 +147,8 @@ BEGIN
                   FROM near m
                   -- Heights that overlap without any vertical separation.
                   CROSS JOIN LATERAL _given_piece(
-                      NULL, (m.rough).object_kind, (m.rough).object_id, (m.rough).class_number, (m.rough).owner_number,
-                      (m.rough).part, (m.rough).turn, (m.rough).hull, (m.rough).span, (m.rough).floor_m + v_apart_m,
+                      NULL, (m.rough).object_kind, (m.rough).object_id, '{}', (m.rough).part, (m.rough).turn,
+                      (m.rough).hull, (m.rough).span, (m.rough).floor_m + v_apart_m,
                       (m.rough).ceiling_m - v_apart_m) i) n
             GROUP BY n.b_kind, n.b_id
         ) m

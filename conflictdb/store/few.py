@@ -10,7 +10,6 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.arrays.column_numbers import IN_PIECES
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
@@ -21,6 +20,7 @@ from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, transaction
 from conflictdb.store.detections import AREA_ROW, TRACK_ROW, area_batch, track_batch
 from conflictdb.store.locking import Say, begin_taking
+from conflictdb.store.piece_columns import SCALARS
 from conflictdb.store.scenes import scene_of
 from conflictdb.store.stored_bundles import (
     PIECE_COLUMNS,
@@ -36,31 +36,6 @@ from conflictdb.store.stored_bundles import (
 )
 from conflictdb.store.stored_objects import AREA_STRINGS, TOLERANCES, TRACK_STRINGS
 from conflictdb.store.stored_pairs import Parts
-
-# The parameters of _put_pieces for each piece, in order.
-_TYPES: Final = {
-    "object_kind": "smallint",
-    "object_id": "bigint",
-    "version": "bigint",
-    "pieces": "integer",
-    "part": "integer",
-    "turn": "smallint",
-    "hull": "bytea",
-    "span": "tstzrange",
-    "floor_m": "double precision",
-    "ceiling_m": "double precision",
-    "shape": "bytea",
-    "shape_to": "bytea",
-    "leg_start": "timestamptz",
-    "leg_end": "timestamptz",
-    "start_lon_deg": "double precision",
-    "start_lat_deg": "double precision",
-    "end_lon_deg": "double precision",
-    "end_lat_deg": "double precision",
-    "bearing_deg": "double precision",
-    **dict.fromkeys(IN_PIECES, "bigint"),
-}
-
 
 # What _put_pieces returns besides PIECE_COLUMNS and PIECE_STRINGS.
 _MET: Final = ["met", "own_parts", "met_parts"]
@@ -194,7 +169,7 @@ def put_pieces(
     has_shapes = is_bundle.copy()
     has_shapes[is_bundle] = is_area
     of_pieces = stored.pieces
-    columns: list[tuple[copy_binary.Column, str]] = [(of_rows[name], of) for name, of in _TYPES.items()]
+    columns: list[tuple[copy_binary.Column, str]] = [(of_rows[one.name], one.sent) for one in SCALARS]
     columns += [
         # Arrays count from 1.
         (copy_binary.fixed(stored.offset[:-1] + 1, "i4"), "integer"),

@@ -1352,7 +1352,7 @@ FUNCTION _answer_request(p_probe_id bigint, p_error text, p_found jsonb, p_answe
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_rules jsonb)
+FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_b_kind smallint, p_b_class bigint, p_rules jsonb)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _are_covered(p_scene_id bigint)
@@ -1835,10 +1835,10 @@ FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
 FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _given_piece(p_number bigint, p_kind smallint, p_object_id bigint, p_class bigint, p_owner bigint, p_part integer, p_turn integer, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _given_piece(p_number bigint, p_kind smallint, p_object_id bigint, p_numbers bigint[], p_part integer, p_turn integer, p_hull geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS SETOF piece LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _given_pieces(p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+FUNCTION _given_pieces(p_scene_id bigint, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS SETOF piece LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _globe()
@@ -2216,6 +2216,9 @@ FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boo
 FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _numbers_of(p_numbers bigint[], p_n bigint)
+    RETURNS bigint[] LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -2225,7 +2228,7 @@ FUNCTION _object_with(p_scene_id bigint, p_key text, OUT object_kind smallint, O
 FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _objects_near(p_scene_id bigint, p_wanted_m double precision, p_from_us bigint, p_until_us bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+FUNCTION _objects_near(p_scene_id bigint, p_wanted_m double precision, p_from_us bigint, p_until_us bigint, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text, is_stale boolean) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET jit=off;
 
 FUNCTION _of_replaced(p_scene_id bigint, INOUT p_key text, INOUT p_class text, INOUT p_owner text)
@@ -2300,7 +2303,7 @@ FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until
 FUNCTION _pieces_may_meet(p_a piece, p_b piece, p_within_s double precision, p_allowed jsonb)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _pieces_of(p_row piece)
@@ -2375,7 +2378,7 @@ FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
 FUNCTION _put_live(p_scene_id bigint, p_as_of_us bigint, p_key text[], p_state text[], p_late_from_s double precision[], p_late_to_s double precision[], p_off_m double precision[], p_instant_us bigint[], p_lon double precision[], p_lat double precision[], p_height_m double precision[], p_error_m double precision[], p_seen_from_s double precision[], p_seen_to_s double precision[], p_version bigint[], p_fastest_mps double precision[])
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_shape_to bytea[], p_pieces integer[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean, p_known text[])
@@ -2465,10 +2468,10 @@ FUNCTION _rough_padding_m(p_out_m double precision, p_reach_m double precision, 
 FUNCTION _rough_pieces(p_scene_id bigint, p_wanted_m double precision, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(rough piece, shape geometry, padding_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _rough_pieces_at(p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_classes bigint[], p_owners bigint[], p_are_known boolean[], p_places geometry[], p_reaches_m double precision[], p_spans tstzmultirange[], p_floors_m double precision[], p_ceilings_m double precision[])
+FUNCTION _rough_pieces_at(p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_numbers bigint[], p_are_known boolean[], p_places geometry[], p_reaches_m double precision[], p_spans tstzmultirange[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(rough piece, shape geometry, padding_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea, OUT marks bytea, OUT with_numbers bytea)
+FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT class_numbers bytea, OUT owner_numbers bytea, OUT marks bytea, OUT with_numbers bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
 FUNCTION _rows_to_compare(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
@@ -2537,7 +2540,7 @@ FUNCTION _scenes()
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _scheduled_near(p_scene_id bigint, p_kinds smallint[], p_classes bigint[], p_owners bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
+FUNCTION _scheduled_near(p_scene_id bigint, p_kinds smallint[], p_numbers bigint[], p_turns integer[], p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(key text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _schedules_wait(p_scene_id bigint)

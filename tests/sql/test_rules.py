@@ -351,7 +351,7 @@ def test_pairs_that_rules_allow_are_those_whose_most_specific_rule_does(conn: Co
                 conn.execute("SELECT conflictdb.put_rule(%s, %s, %s, %s, %s, %s, %s)", values)
         rows = conn.execute(
             """
-            SELECT _are_compared(a.kind, _word_number(a.class), 0::bigint, b.kind, _word_number(b.class), 0::bigint,
+            SELECT _are_compared(a.kind, _word_number(a.class), b.kind, _word_number(b.class),
                                  _allowed_types(s.scene_id)),
                    (_rule_between(s.scene_id, a.kind, a.class, b.kind, b.class)).allowed
             FROM conflictdb.scene s,

@@ -30,7 +30,7 @@ _OF_NAME: Final = {
 }
 # Ordinary words of Python.
 _NOT_IN_PYTHON: Final = frozenset({"class", "path", "geometry"})
-_LIST: Final = re.compile(r"^ */\* (area|track|plan) [a-z]+:.*?^ */\* end \*/$", re.MULTILINE | re.DOTALL)
+_LIST: Final = re.compile(r"^ */\* (area|track|plan|piece) [a-z]+:.*?^ */\* end \*/$", re.MULTILINE | re.DOTALL)
 _MADE: Final = re.compile(r"^    # Made by docs/generate\.py\.\n(    .*\n)*", re.MULTILINE)
 _STATEMENT: Final = re.compile(r"^(?=(?:CREATE|COMMENT|DO|ALTER|INSERT|GRANT|REVOKE|DROP|SELECT)\b)", re.MULTILINE)
 _ROUTINE: Final = re.compile(r"(?:FUNCTION|PROCEDURE) (?:\w+\.)?(\w+)")

@@ -41,7 +41,6 @@ RULES: Final = {
     "sql/13_validation.sql _track_before": "checks of a row",
     "sql/13_validation.sql _check_track_shape": "checks of a row",
     "sql/24_rough_pieces.sql _rough_pieces": "pieces of plans that are not cut",
-    "sql/24_rough_pieces.sql _uncut_pieces": "pieces of plans that are not cut",
     "sql/40_attachment_map.sql _check_map": "which fields of a map exclude each other",
     "sql/77_havens.sql havens": "motion",
     "sql/78_explain.sql explain_conflict": "reasons",
@@ -54,13 +53,11 @@ PUBLIC: Final = {
 # Of the same names, but of pieces, which the rule of a pair reads, or of former releases.
 NOT_PLANS: Final = {
     "sql/06_retired.sql acknowledge": "signatures of routines of former releases",
-    "sql/20_stage1_broad_phase.sql _given_pieces": "pieces",
     "sql/20_stage1_broad_phase.sql _row_boxes": "pieces",
-    "sql/24_rough_pieces.sql _rough_pieces_at": "pieces",
     "sql/86_admission_steps.sql _objects_near": "pieces",
 }
 PLACES: Final = HOMES | FORMS | RULES | PUBLIC | NOT_PLANS
-MOST: Final = 34
+MOST: Final = 31
 
 
 def test_no_other_place_spells_out_a_plan() -> None:
