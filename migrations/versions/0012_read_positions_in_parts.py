@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "69fbb75581389580033ec269ce4760af1fd7f7a2254e75cd785b3df5c80d7bf2"
+routines_sha256 = "e7444a2a9ac086e91e5d7cfcf7c5441c6c092bb9bf37690466f251764b5a3a4c"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -4,8 +4,11 @@ docs/reference/arrow.md lists the columns. Instants are to the microsecond, in U
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -17,38 +20,29 @@ from conflictdb.arrays.arrow.forms import INSTANT, Array, ArrowForm, Batch
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, PlanColumn
+from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, PlanColumn, columns_of
 from conflictdb.model.plans import Area, StoredArea, StoredTrack, Track
 from conflictdb.model.results import Kind
+from conflictdb.model.rules import KINDS
 
 _METRES: Final = pa.list_(pa.float64())
 _INSTANTS: Final = pa.list_(INSTANT)
 _RING: Final = pa.list_(_METRES)
-_Encoder = Callable[[Sequence[Area], Sequence[Track]], Array]
+# The fields of `Area` and `Track` in columns of the form OWN, by name of the column.
+_FIELDS: Final = {
+    kind: {name: field for one in columns_of(kind, Form.OWN) for field, name in zip(one.python, one.arrow, strict=True)}
+    for kind in KINDS
+}
+# Returns the values of all rows of one kind, from columns and the name of one.
+_Decoder = Callable[[Mapping[str, Array], str], Iterable[Any]]
+# The classes of plans of files, and of plans of a database.
+_CLASSES: Final[dict[str, Any]] = {
+    AREA: (Area, StoredArea),
+    TRACK: [partial(of_kind, max_speed_kn=np.inf) for of_kind in (Track, StoredTrack)],
+}
 _PLAIN: Final = tuple(one for one in PLAN_COLUMNS if one.form is not Form.OWN)
 _NAME: Final = "objects"
 _WHO: Final = f"Arrow form {_NAME!r}"
-
-
-def _geometries(areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
-    lines = _linestrings([track.positions_deg for track in tracks])
-    shapes = np.concatenate([np.empty(0, object), _as_objects([area.footprint for area in areas]), lines])
-    return pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary())
-
-
-def _of_properties(areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
-    items: list[Area | Track] = [*areas, *tracks]
-    return pa.array([_document(item.properties) for item in items], pa.string())
-
-
-def _of_areas(value: Callable[[Area], Any], encode: Callable[[list[Any]], Array]) -> _Encoder:
-    """Return a function that encodes values of areas, null for tracks."""
-    return lambda areas, tracks: encode([*map(value, areas), *(None for _ in tracks)])
-
-
-def _of_tracks(value: Callable[[Track], Any], encode: Callable[[list[Any]], Array]) -> _Encoder:
-    """Return a function that encodes values of tracks, null for areas."""
-    return lambda areas, tracks: encode([*(None for _ in areas), *map(value, tracks)])
 
 
 def of_objects(
@@ -69,10 +63,19 @@ def of_objects(
             "kind": pa.array([Kind.AREA.value] * len(areas) + [Kind.TRACK.value] * len(tracks), pa.string()),
             "object_id": pa.nulls(n, pa.int64()) if object_ids is None else of_numbers(object_ids),
             "version": pa.nulls(n, pa.int64()) if versions is None else of_numbers(versions),
-            **{name: encode(areas, tracks) for name, (_, encode) in _OWN.items()},
+            **{name: own.encode(_given(name, areas, tracks)) for name, own in _OWN.items()},
             **{one.arrow[0]: _of_plain(one, [*areas], [*tracks]) for one in _PLAIN},
         }
     )
+
+
+def _given(name: str, areas: Sequence[Area], tracks: Sequence[Track]) -> list[Any]:
+    """Return the values of areas, then of tracks, in a column of the form OWN, None for those without."""
+    found: list[Any] = []
+    for kind, plans in ((AREA, areas), (TRACK, tracks)):
+        field = _FIELDS[kind].get(name)
+        found += [None] * len(plans) if field is None else map(_OWN[name].value or attrgetter(field), plans)
+    return found
 
 
 def _of_plain(column: PlanColumn, areas: Sequence[Area], tracks: Sequence[Track]) -> Array:
@@ -98,56 +101,16 @@ def to_objects(given: Batch, *, are_stored: bool = False) -> tuple[list[Area], l
     columns = OBJECTS.columns(given)
     is_track = _is_track(columns["kind"])
     of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
-    return list(_areas(of_areas, are_stored)), list(_tracks(of_tracks, are_stored))
+    return _plans(AREA, of_areas, are_stored), _plans(TRACK, of_tracks, are_stored)
 
 
-def _areas(columns: Mapping[str, Array], are_stored: bool) -> list[Area]:
-    start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
-    of_kind = StoredArea if are_stored else Area
+def _plans(kind: str, columns: Mapping[str, Array], are_stored: bool) -> list[Any]:
+    """Return the plans of rows of one kind."""
+    fields = {field: (_OWN[name].decode or _SHAPES[kind])(columns, name) for name, field in _FIELDS[kind].items()}
     return [
-        of_kind(
-            key, footprint, start_us=certain(start), end_us=certain(end), properties=properties, spans_us=spans, **plain
-        )
-        for key, footprint, start, end, properties, spans, plain in zip(
-            columns["id"].to_pylist(),
-            _footprints(columns),
-            start_us,
-            end_us,
-            _documents(columns),
-            _spans(columns),
-            _plain(AREA, columns),
-            strict=True,
-        )
+        _CLASSES[kind][are_stored](key=key, **dict(zip(fields, row, strict=True)), **plain)
+        for key, plain, *row in zip(columns["id"].to_pylist(), _plain(kind, columns), *fields.values(), strict=True)
     ]
-
-
-def _tracks(columns: Mapping[str, Array], are_stored: bool) -> list[Track]:
-    course, way = _courses(columns)
-    times_us = _times(columns)
-    outline_m, ring = _rings(columns["outline_m"], "outline_m")
-    rings, of_ring = lists(columns["outlines_m"])
-    changing_m, corner = _rings(rings, "outlines_m")
-    floors_m, ceilings_m = (_of_legs(columns[f"{name}s_m"]) for name in ("floor", "ceiling"))
-    keys, documents, departures = columns["id"].to_pylist(), _documents(columns), _in_lists(columns, "departures")
-    tracks = []
-    for i, plain in enumerate(_plain(TRACK, columns)):
-        outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
-        tracks.append(
-            (StoredTrack if are_stored else Track)(
-                keys[i],
-                course[way[i] : way[i + 1]],
-                all_certain(times_us[way[i] : way[i + 1]]),
-                outline_m[ring[i] : ring[i + 1]] if outlines is None else outlines[0],
-                properties=documents[i],
-                outlines_m=outlines,
-                floors_m=floors_m(i, -np.inf),
-                ceilings_m=ceilings_m(i, np.inf),
-                departures_us=None if departures[i] is None else all_certain(np.array(departures[i], np.int64)),
-                **plain,
-                max_speed_kn=np.inf,
-            )
-        )
-    return tracks
 
 
 def _plain(kind: str, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
@@ -199,7 +162,7 @@ def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
     return np.asarray(shapes, dtype=object)
 
 
-def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
+def _footprints(columns: Mapping[str, Array], _: str) -> NDArray[np.object_]:
     """Return the geometries of areas, polygons as MultiPolygons."""
     shapes = _shapes(columns)
     single = np.flatnonzero(shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON)
@@ -208,8 +171,8 @@ def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
     return shapes
 
 
-def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the waypoints of tracks, (w, 2) longitude and latitude, and their offsets; checks the number of times."""
+def _courses(columns: Mapping[str, Array], _: str) -> list[NDArray[np.float64]]:
+    """Return the waypoints of each track, (w, 2) longitude and latitude; checks the number of times."""
     shapes = _shapes(columns)
     if not (shapely.get_type_id(shapes) == shapely.GeometryType.LINESTRING).all():
         raise InvalidInput(_WHO, "geometry", "of a track must be a LineString")
@@ -219,47 +182,60 @@ def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray
         i = int(np.flatnonzero(count != given)[0])
         rule = f"must be one per waypoint: {count[i]} waypoints, {given[i]} times"
         raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", rule)
-    return np.asarray(shapely.get_coordinates(shapes)), offsets(count)
+    return _split(np.asarray(shapely.get_coordinates(shapes)), offsets(count))
 
 
-def _times(columns: Mapping[str, Array]) -> NDArray[np.int64]:
-    """Return the instants of all waypoints of tracks (w,); raises InvalidInput for nulls."""
-    items, offset = lists(columns["times"])
+def _split(values: NDArray[Any], offset: NDArray[np.int64]) -> list[NDArray[Any]]:
+    return [values[start:end] for start, end in pairwise(offset.tolist())]
+
+
+def _times(columns: Mapping[str, Array], name: str) -> list[Any]:
+    """Return the instants of the waypoints of each track (w,); raises InvalidInput for nulls."""
+    items, offset = lists(columns[name])
     if items.null_count:
         i = int(np.searchsorted(offset, items.is_null().index(True).as_py(), side="right")) - 1
-        raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", "must not hold nulls: one per waypoint")
-    return instants(items)
+        raise InvalidInput(f"track {columns['id'][i].as_py()!r}", name, "must not hold nulls: one per waypoint")
+    return [all_certain(one) for one in _split(instants(items), offset)]
 
 
-def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices (k, 2) of a column of rings, and their offsets; a null has no vertices."""
+def _rings(column: Array, name: str) -> list[NDArray[np.float64]]:
+    """Return the vertices (k, 2) of each ring of a column; a null has no vertices."""
     vertices, offset = lists(column)
     values, ends = lists(vertices)
     if (np.diff(ends) != 2).any() or values.null_count:
         raise InvalidInput(_WHO, name, "must be a ring of [starboard, forward] metres")
-    return numbers(values).reshape(-1, 2), offset
+    return _split(numbers(values).reshape(-1, 2), offset)
 
 
-def _of_legs(column: Array) -> Callable[[int, float], NDArray[np.float64] | None]:
-    """Return a function that returns the heights of a track's legs by row; None for a track without."""
-    given, offset = lists(column)
-    is_known = numbers(column.is_valid())
-
-    def heights(i: int, unbounded: float) -> NDArray[np.float64] | None:
-        return measures(given[offset[i] : offset[i + 1]], unbounded) if is_known[i] else None
-
-    return heights
+def _outline(columns: Mapping[str, Array], name: str) -> list[NDArray[np.float64]]:
+    """Return the outline of each track; of one that changes, the first."""
+    whole = _rings(columns[name], name)
+    return [one if several is None else several[0] for one, several in zip(whole, _outlines(columns), strict=True)]
 
 
-def _documents(columns: Mapping[str, Array]) -> list[dict[str, Any]]:
+def _outlines(columns: Mapping[str, Array], name: str = "outlines_m") -> list[list[NDArray[np.float64]] | None]:
+    """Return the outlines of each track at its waypoints, None for one that has none."""
+    rings, offset = lists(columns[name])
+    outlines = _rings(rings, name)
+    return [outlines[start:end] or None for start, end in pairwise(offset.tolist())]
+
+
+def _heights(columns: Mapping[str, Array], name: str, *, unbounded: float) -> list[NDArray[np.float64] | None]:
+    """Return the heights of each track's legs; None for a track without."""
+    given, offset = lists(columns[name])
+    each = _split(measures(given, unbounded), offset)
+    return [one if is_known else None for one, is_known in zip(each, columns[name].is_valid().to_pylist(), strict=True)]
+
+
+def _documents(columns: Mapping[str, Array], name: str) -> list[dict[str, Any]]:
     documents = []
-    for key, text in zip(columns["id"].to_pylist(), columns["properties"].to_pylist(), strict=True):
+    for key, text in zip(columns["id"].to_pylist(), columns[name].to_pylist(), strict=True):
         try:
             document = {} if text is None else json.loads(text)
         except (ValueError, RecursionError):
             document = None
         if not isinstance(document, dict):
-            raise InvalidInput(f"object {key!r}", "properties", f"must be a JSON object; got {text!r:.60}")
+            raise InvalidInput(f"object {key!r}", name, f"must be a JSON object; got {text!r:.60}")
         documents.append(document)
     return documents
 
@@ -269,23 +245,28 @@ def _in_lists(columns: Mapping[str, Array], name: str) -> list[list[int | None] 
     return list(columns[name].cast(pa.list_(pa.int64())).to_pylist())
 
 
-def _spans(columns: Mapping[str, Array]) -> list[list[list[np.datetime64 | None]] | None]:
+def _at(columns: Mapping[str, Array], name: str) -> list[np.datetime64 | None]:
+    return [certain(one) for one in columns[name].view(pa.int64()).to_pylist()]
+
+
+def _departures(columns: Mapping[str, Array], name: str) -> list[Any]:
+    given = _in_lists(columns, name)
+    return [None if one is None else all_certain(np.array(one, np.int64)) for one in given]
+
+
+def _spans(columns: Mapping[str, Array], name: str) -> list[list[list[np.datetime64 | None]] | None]:
     found: list[list[list[np.datetime64 | None]] | None] = []
-    for key, ends in zip(columns["id"].to_pylist(), _in_lists(columns, "spans"), strict=True):
+    for key, ends in zip(columns["id"].to_pylist(), _in_lists(columns, name), strict=True):
         if ends is not None and len(ends) % 2:
-            raise InvalidInput(f"area {key!r}", "spans", f"must be starts and ends in turn; got {len(ends)} instants")
-        at = None if ends is None else [certain(one) for one in ends]
-        found.append(None if at is None else [at[i : i + 2] for i in range(0, len(at), 2)])
+            raise InvalidInput(f"area {key!r}", name, f"must be starts and ends in turn; got {len(ends)} instants")
+        starts = range(0, len(ends or ()), 2)
+        found.append(None if ends is None else [[certain(one) for one in ends[i : i + 2]] for i in starts])
     return found
 
 
 def _only_outline(track: Track) -> NDArray[np.float64] | None:
     """Return the outline of a track that has no outline for each waypoint."""
     return track.outline_m if track.outlines_m is None else None
-
-
-def _ends(area: Area) -> list[int | None] | None:
-    return None if area.spans_us is None else [at for span in area.spans_us for at in span]
 
 
 def _of_optional_instants(each_us: Sequence[int | None]) -> Array:
@@ -296,8 +277,20 @@ def _of_instants(lists_us: Sequence[Sequence[int | None] | None]) -> Array:
     return pa.array(lists_us, pa.list_(pa.int64())).cast(_INSTANTS)
 
 
-def _document(properties: Mapping[str, Any]) -> str | None:
-    return json.dumps(dict(properties), ensure_ascii=False, allow_nan=False) if properties else None
+def _of_spans(given: Sequence[Any]) -> Array:
+    return _of_instants([None if spans is None else [at for span in spans for at in span] for spans in given])
+
+
+def _of_properties(given: Sequence[Mapping[str, Any]]) -> Array:
+    texts = [json.dumps(dict(one), ensure_ascii=False, allow_nan=False) if one else None for one in given]
+    return pa.array(texts, pa.string())
+
+
+def _geometries(given: Sequence[Any]) -> Array:
+    """Return the footprints of areas, then the paths of tracks, as WKB."""
+    areas = [one for one in given if not isinstance(one, np.ndarray)]
+    shapes = np.concatenate([_as_objects(areas), _linestrings(given[len(areas) :])])
+    return pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary())
 
 
 def _as_objects(values: Sequence[Any]) -> NDArray[np.object_]:
@@ -313,10 +306,9 @@ def _linestrings(positions_deg: Sequence[NDArray[np.float64]]) -> NDArray[np.obj
     return np.asarray(shapely.linestrings(stacked(positions_deg), indices=track_of), dtype=object)
 
 
-def _of_ragged(given: Sequence[NDArray[Any] | None], of: Any) -> Array:
-    """Return arrays as a column of lists, None as null."""
+def _of_times(given: Sequence[NDArray[np.int64] | None]) -> Array:
     items = np.concatenate([np.empty(0, np.int64), *(one for one in given if one is not None)])
-    return of_lists(of_numbers(items).view(of), _lengths(given), _missing(given))
+    return of_lists(of_numbers(items).view(INSTANT), _lengths(given), _missing(given))
 
 
 def _of_heights(given: Sequence[NDArray[np.float64] | None]) -> Array:
@@ -349,22 +341,33 @@ def _missing(given: Sequence[NDArray[Any] | None]) -> NDArray[np.bool_]:
     return np.array([one is None for one in given], np.bool_)
 
 
-# The columns of the form OWN: type, and values; the other forms have one of each.
-_OWN: Final[dict[str, tuple[Any, _Encoder]]] = {
-    "geometry": (pa.binary(), _geometries),
-    "start": (INSTANT, _of_areas(lambda area: area.start_us, _of_optional_instants)),
-    "end": (INSTANT, _of_areas(lambda area: area.end_us, _of_optional_instants)),
-    "times": (_INSTANTS, _of_tracks(lambda track: track.times_us, lambda given: _of_ragged(given, INSTANT))),
-    "outline_m": (
-        _RING,
-        _of_tracks(_only_outline, _of_rings),
-    ),
-    "outlines_m": (pa.list_(_RING), _of_tracks(lambda track: track.outlines_m, _of_outlines)),
-    "floors_m": (_METRES, _of_tracks(lambda track: track.floors_m, _of_heights)),
-    "ceilings_m": (_METRES, _of_tracks(lambda track: track.ceilings_m, _of_heights)),
-    "properties": (pa.string(), _of_properties),
-    "spans": (_INSTANTS, _of_areas(_ends, _of_instants)),
-    "departures": (_INSTANTS, _of_tracks(lambda track: track.departures_us, _of_instants)),
+class _Codec(NamedTuple):
+    """A column of the form OWN; the other forms have one codec each.
+
+    encode : of values, None for none
+    decode : None: that of _SHAPES
+    value : of a plan; None: its field
+    """
+
+    type: Any
+    encode: Callable[[Sequence[Any]], Array]
+    decode: _Decoder | None
+    value: Callable[[Any], Any] | None = None
+
+
+_SHAPES: Final[dict[str, _Decoder]] = {AREA: _footprints, TRACK: _courses}
+_OWN: Final = {
+    "geometry": _Codec(pa.binary(), _geometries, None),
+    "start": _Codec(INSTANT, _of_optional_instants, _at),
+    "end": _Codec(INSTANT, _of_optional_instants, _at),
+    "times": _Codec(_INSTANTS, _of_times, _times),
+    "outline_m": _Codec(_RING, _of_rings, _outline, _only_outline),
+    "outlines_m": _Codec(pa.list_(_RING), _of_outlines, _outlines),
+    "floors_m": _Codec(_METRES, _of_heights, partial(_heights, unbounded=-np.inf)),
+    "ceilings_m": _Codec(_METRES, _of_heights, partial(_heights, unbounded=np.inf)),
+    "properties": _Codec(pa.string(), _of_properties, _documents),
+    "spans": _Codec(_INSTANTS, _of_spans, _spans),
+    "departures": _Codec(_INSTANTS, _of_instants, _departures),
 }
 
 
@@ -373,7 +376,7 @@ def _fields() -> Iterator["pa.Field"]:
     yield pa.field("kind", pa.string(), nullable=False)
     yield pa.field("object_id", pa.int64())
     yield pa.field("version", pa.int64())
-    types = {name: of for name, (of, _) in _OWN.items()}
+    types = {name: own.type for name, own in _OWN.items()}
     types |= {one.arrow[0]: pa.float64() if one.form is Form.NUMBER else pa.string() for one in _PLAIN}
     for name in dict.fromkeys(name for one in PLAN_COLUMNS for name in one.arrow):
         yield pa.field(name, types[name], nullable=name != "geometry")
