@@ -1,6 +1,6 @@
 """Forge and damage proofs: each is refused, or what it says is still true by the oracle.
 
-    ./run python tests/acceptance/forged.py --proofs 1000000 --seed 1 [--minutes 60]
+    ./run python tests/acceptance/forged.py --proofs 20000 --seed 1 [--minutes 60]
 
 Small random scenes are certified. One thing of a proof is changed at a time, as a forger would who wants to hide a
 conflict or who sends the file over a bad line: an angle, an instant, a place, a step, a line, a verdict, a period, a

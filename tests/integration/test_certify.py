@@ -2,15 +2,20 @@
 
 import contextlib
 import io
+import random
+import threading
+import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from commands import STRAIT, runner
 from psycopg import conninfo, sql
 
-from conflictdb import NotCurrent, StoreError, connect, store
+from conflictdb import ConflictDBError, NotCurrent, StoreError, Track, connect, store
 from conflictdb.cli.codes import DONE, INPUT_REFUSED, NOT_CURRENT
 from conflictdb.client.stored_scene import StoredScene
 from conflictdb.formats import check_proof
@@ -90,6 +95,59 @@ def test_a_scene_that_changes_meanwhile_is_certified_as_it_was(
     for text in (before, after):
         status, report = checked(text, tmp_path)
         assert status in (ACCEPTED, NOT_ALL_CHECKED), report
+
+
+def test_each_proof_amid_writers_is_of_one_state(dsn: str, tmp_path: Path) -> None:
+    """Sessions write, detect and report positions: a proof is accepted by the checker, or refused as not current."""
+    with connect(dsn) as db:
+        db.load(STRAIT)
+        db.scene("strait").detect()
+        db.scene("strait").branch("other")
+        tracks = store.read_scene(db.connection, "strait")[2]
+    halt, errors, made, late = threading.Event(), list[str](), Counter[str](), list[Exception]()
+
+    def write(name: str, seed: int) -> None:
+        rng = random.Random(seed)  # noqa: S311 no secret
+        try:
+            with connect(dsn) as db:
+                while not halt.is_set():
+                    one = rng.choice(tracks)
+                    by_us = 1_000_000 * rng.randrange(-1800, 1800)
+                    moved = Track(one.key, one.positions_deg, one.times_us + by_us, one.outline_m)
+                    with contextlib.suppress(ConflictDBError):
+                        db.scene(name).put(moved)
+                        at_us = np.array([int(1e6 * time.time())])
+                        with store.transaction(db.connection):
+                            store.insert_positions(db.connection, name, [one.key], at_us, one.positions_deg[:1])
+                    with contextlib.suppress(ConflictDBError):
+                        db.scene(name).detect()
+                    halt.wait(0.1)
+        except Exception as error:
+            late.append(error)
+
+    writers = [threading.Thread(target=write, args=given) for given in (("strait", 1), ("strait", 2), ("other", 3))]
+    for one in writers:
+        one.start()
+    try:
+        with connect(dsn) as db:
+            while made["accepted"] < 6 and made.total() < 400:
+                name = ("strait", "other")[made.total() % 2]
+                try:
+                    text = certified(db.scene(name))
+                except NotCurrent:
+                    made["not current"] += 1
+                    continue
+                status, report = checked(text, tmp_path)
+                made["accepted"] += 1
+                errors += [] if status in (ACCEPTED, NOT_ALL_CHECKED) else [f"{name}: {report}"]
+    finally:
+        halt.set()
+        for one in writers:
+            one.join()
+    assert not errors + late
+    assert made["accepted"], made
+    with connect(dsn) as db:
+        assert db.connection.execute("SELECT count(*) FROM conflictdb.position").fetchone()[0]
 
 
 def test_an_open_transaction_is_refused(dsn: str) -> None:
