@@ -42,7 +42,8 @@ def branch(args: argparse.Namespace) -> int:
             args.scene = made.name
         elif args.action == "merge":
             parent, count = scene.branch_of(), scene.merge()
-            line(f"{parent}: {count} {_objects(count)} taken over from {args.branch}; to be detected")
+            waits = "; to be detected" if count else ""
+            line(f"{parent}: {count} {_objects(count)} taken over from {args.branch}{waits}")
             args.scene = parent
         elif args.action == "drop":
             args.scene = scene.branch_of()

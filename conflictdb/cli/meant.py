@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 # Words that people try first, and the command that does it.
 COMMANDS: Final = {
     **dict.fromkeys(("late", "early", "shift", "retime", "what-if", "whatif", "try"), "probe --late KEY DURATION"),
+    "delay": "probe --late KEY DURATION, or delays KEY",
+    "move": "probe --move KEY DISTANCE BEARING",
+    **dict.fromkeys(("swap", "exchange"), "probe --swap KEY KEY"),
+    **dict.fromkeys(("brief", "print"), "report KEY FILE.pdf"),
     **dict.fromkeys(("slots", "slot", "windows", "departures", "when"), "delays KEY"),
     **dict.fromkeys(("undo", "revert"), "apply N --undo"),
     **dict.fromkeys(("import", "add", "put"), "load FILE"),
@@ -31,6 +35,15 @@ COMMANDS: Final = {
     **dict.fromkeys(("log", "events"), "history"),
     "help": "--help, or COMMAND --help",
     "version": "--version",
+}
+# Options that people try first, and those that do it, of which a command may have one.
+OPTIONS: Final = {
+    **dict.fromkeys(("--delay", "--delays", "--shift", "--later", "--by"), ("--late", "--within")),
+    **dict.fromkeys(("--exchange",), ("--swap",)),
+    **dict.fromkeys(("--timezone", "--zone", "--utc"), ("--tz", "--time-zone")),
+    **dict.fromkeys(("--out", "--output", "-o"), ("FILE",)),
+    **dict.fromkeys(("--key", "--keys", "--track", "--area", "--object"), ("KEY", "--key")),
+    **dict.fromkeys(("--file", "--files"), ("FILE",)),
 }
 
 

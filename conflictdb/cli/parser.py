@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.meant import COMMANDS
+from conflictdb.cli.meant import COMMANDS, OPTIONS
 from conflictdb.cli.values import (
     aware,
     count,
@@ -130,12 +130,31 @@ class Parser(argparse.ArgumentParser):
         if option in _OF_ALL_COMMANDS:
             return f"; {option} goes before the command"
         if not option.startswith("-"):
-            if Path(option).is_file():
-                return "; it is a file: `detect FILE` loads it and detects"
-            takes_keys = any("KEY" in str(one.metavar) for one in self._actions)
-            return "; quote a key that has blanks: 'FERRY NORTH'" if takes_keys else ""
+            return self._meant_by_word(option)
+        for own in OPTIONS.get(option, ()):
+            if own in self._option_string_actions:
+                return f"; did you mean {own}?"
+            if any(own in str(one.metavar) for one in self._actions if not one.option_strings):
+                return f"; {own} is given without an option"
+        if option == "--scene":
+            return "; this needs no scene"
         alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
         return f"; did you mean {alike[0]}?" if alike else ""
+
+    def _meant_by_word(self, word: str) -> str:
+        """Return a hint for a word that is of no option; may be empty."""
+        if Path(word).is_file():
+            return "; it is a file: `detect FILE` loads it and detects"
+        takes_duration = next((one for one in self._actions if one.metavar == "DURATION"), None)
+        if word[:1].isdigit() and takes_duration is not None:
+            return f"; a duration is given with {takes_duration.option_strings[0]}"
+        hints = []
+        is_key = any("KEY" in str(one.metavar) for one in self._actions if not one.option_strings)
+        if not is_key and "--scene" in self._option_string_actions:
+            hints.append("--scene names the scene")
+        if any("KEY" in str(one.metavar) for one in self._actions):
+            hints.append("quote a key that has blanks: 'FERRY NORTH'")
+        return "".join(f"; {one}" for one in hints)
 
     def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
         """Return how many arguments an option takes; the error for too few names them."""

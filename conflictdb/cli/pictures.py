@@ -6,6 +6,7 @@ import sys
 import threading
 import webbrowser
 from contextlib import suppress
+from pathlib import Path
 
 from conflictdb import store
 from conflictdb.cli.codes import DONE
@@ -35,12 +36,18 @@ def report(args: argparse.Namespace) -> int:
     """Write a report of a scene, or a brief of a plan."""
     units = chosen_units()
     with database(args) as db:
-        if args.key is None and args.file.suffix.lower() not in (".html", ".pdf"):
+        if args.key is not None and _is_report(args.key) and not _is_report(args.file):
+            args.key, args.file = str(args.file), Path(args.key)  # a key after the file
+        if args.key is None and not _is_report(args.file):
             args.key = str(args.file)  # a key alone: the hint names it
             raise InvalidInput("report", "file", f"must end in .html or .pdf; write: report {args.key!r} FILE.pdf")
         _required(db, args).report(args.file, args.key, time_zone=args.tz or chosen_zone(), units=units)
     note(f"{args.file} is written")
     return DONE
+
+
+def _is_report(file: str | Path) -> bool:
+    return Path(file).suffix.lower() in (".html", ".pdf")
 
 
 def _required(db: Database, args: argparse.Namespace) -> StoredScene:

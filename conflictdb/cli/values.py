@@ -287,7 +287,7 @@ def time(text: str) -> datetime:
     try:
         return instant(f"{text}T00:00Z" if re.fullmatch(r"\d{4}-\d\d-\d\d", text) else f"{text}Z").replace(tzinfo=None)
     except argparse.ArgumentTypeError:
-        rule = "must be a date, or a date and time, in ISO 8601, such as 2026-03-01 or 2026-03-01T06:00"
+        rule = "must be a date, or a date and time, in ISO 8601, such as 2026-03-01 or 2026-03-01T06:00Z"
         raise argparse.ArgumentTypeError(f"{rule}; got {text!r:.60}") from None
 
 

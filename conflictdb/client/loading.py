@@ -242,7 +242,8 @@ def _is_number(key: str, count: int) -> bool:
 def _replaced(source: str, counts: store.LoadCounts, derived: Sequence[str]) -> Iterator[Remark]:
     """Yield a remark if objects of the scene are replaced, and ids may belong to other objects in another file."""
     if counts.updated and derived:
-        text = f"{counts.updated:,} objects replace those of the same id in the scene"
+        many = counts.updated != 1
+        text = f"{counts.updated:,} object{'s replace those' if many else ' replaces that'} of the same id in the scene"
         why = f"ids such as {derived[0]!r:.60} are names or numbers of rows, which another file may have too"
         yield Remark(source, "file", f"{text}; {why}: --map id=COLUMN takes others, --scene another scene")
 

@@ -186,6 +186,8 @@ def read_layers(path: Path, max_file_mb: float, program: ConfinedProgram = PROGR
     program = replace(program, settings={**program.settings, "GDAL_SKIP": ",".join(_formats_to_skip())})
     if path.suffix.lower() == ".zip":
         program = replace(program, cannot_read=f"{program.cannot_read} as it is: unzip it, and load the files in it")
+    elif path.is_dir():
+        program = replace(program, cannot_read=f"{program.cannot_read}; name the files in this directory instead")
     with program.running([str(path.absolute())], max_file_mb) as running:
         answer: list[Mapping[str, Any]] = json.loads(running.answer())
     return [Layer.of(one) for one in answer]

@@ -178,7 +178,7 @@ def test_8_one_page_for_the_captain(day: Run, tmp_path: Path, monkeypatch: pytes
     day("report", "FERRY NORTH", tmp_path / "brief.html")
     assert "OUT OF DATE, the scene has changed: objects that were removed" in plain(tmp_path / "brief.html")
     monkeypatch.setenv("CONFLICTDB_UNITS", "metric")
-    day("report", "EK D 382", tmp_path / "area.html")
+    day("report", tmp_path / "area.html", "EK D 382")  # the key after the file
     text = plain(tmp_path / "area.html")
     assert "57.80000 N 8.90000 E" in text
     assert re.search(r"inside by 8\.\d km", text)

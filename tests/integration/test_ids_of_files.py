@@ -70,7 +70,8 @@ def test_a_second_file_without_ids_adds_its_objects(
         (loaded,) = db.load_files([path], "S", hints=HINTS if ending == ".gpx" else None)
         assert loaded.counts.updated == count
         (said,) = [one.text for one in loaded.remarks if "replace" in one.text]
-        assert said.startswith(f"{count} objects replace those of the same id in the scene; ids such as 'south.")
+        objects = "1 object replaces that" if count == 1 else f"{count} objects replace those"
+        assert said.startswith(f"{objects} of the same id in the scene; ids such as 'south.")
 
 
 def test_ids_that_are_numbers_of_rows_say_that_they_replace(dsn: str, tmp_path: Path) -> None:

@@ -223,12 +223,14 @@ def test_a_file_that_ogr_does_not_know_is_refused(tmp_path: Path) -> None:
         formats.read(tmp_path / "areas.xyz")
 
 
-def test_an_archive_of_another_format_is_to_be_unzipped(tmp_path: Path) -> None:
+def test_an_archive_is_to_be_unzipped_and_files_of_a_directory_named(tmp_path: Path) -> None:
     """Official zones are published so."""
     with zipfile.ZipFile(tmp_path / "zones.zip", "w") as archive:
         archive.writestr("zones.json", '{"features": []}')
     with pytest.raises(InvalidInput, match="cannot be read by OGR as it is: unzip it, and load the files in it"):
         formats.read(tmp_path / "zones.zip")
+    with pytest.raises(InvalidInput, match="cannot be read by OGR; name the files in this directory instead"):
+        formats.read(tmp_path)
 
 
 @pytest.mark.parametrize("missing", ["pyogrio", "pyproj"])
