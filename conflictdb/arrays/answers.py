@@ -61,8 +61,8 @@ class Contacts:
 
     @classmethod
     def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
-        """Return all contacts in one, sorted by pair and start; at least one batch."""
-        some = [batch for batch in batches if len(batch.pair)] or batches[:1]
+        """Return all contacts in one, sorted by pair and start."""
+        some = [batch for batch in batches if len(batch.pair)] or [cls.none()]
         columns = [np.concatenate([getattr(batch, name) for batch in some]) for name in cls.__slots__]
         order = np.lexsort((columns[1], columns[0]))
         return cls(*(column[order] for column in columns))

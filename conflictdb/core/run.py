@@ -151,7 +151,8 @@ def run_stages(
         (PairRows(np.flatnonzero(covered)), partial(_unresolved, pieces, heights)),
         (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, setup, prepared, heights)),
     ):
-        parts.append(decide(pairs, rows) if rows.size else Contacts.none())
+        if rows.size:
+            parts.append(decide(pairs, rows))
     funnel.window_pairs = sum(map(len, parts))
     solved = Contacts.none()
     moving = PairRows(np.flatnonzero(~static & ~covered & ~of_tracks))

@@ -44,6 +44,7 @@ from conflictdb.model.recurring_plans import (
 from conflictdb.model.results import Kind
 from conflictdb.model.tolerances import tolerances_of
 
+_NO_AREAS: Final = AreaBatch.of([])
 _NO_TRACKS: Final = TrackBatch.of([])
 
 
@@ -259,7 +260,8 @@ def occupy(
         batches = AreaBatch.of(areas), TrackBatch.of(tracks)
     else:
         flat, once = world.fit(areas, tracks)
-        batches = AreaBatch.of(areas, flat), _NO_TRACKS if once is None else once.departing(tracks)
+        made = AreaBatch.of(areas, flat) if areas else _NO_AREAS
+        batches = made, _NO_TRACKS if once is None else once.departing(tracks)
     return Occupied(areas, tracks, batches, pieces_of(world.setup, *batches))
 
 

@@ -157,8 +157,8 @@ def box_pairs(
 class BoxTree:
     """Rows that stay (KernelBoxTree), for lookups of others; threads may share it."""
 
-    def __init__(self, rows: RowBoxes) -> None:
-        self._handle, held = ctypes.c_void_p(), HeldBoxes.of(rows)
+    def __init__(self, rows: RowBoxes | HeldBoxes) -> None:
+        self._handle, held = ctypes.c_void_p(), rows if isinstance(rows, HeldBoxes) else HeldBoxes.of(rows)
         check(library().kernel_box_tree_make(ctypes.byref(held), ctypes.byref(self._handle)))
         weakref.finalize(self, library().kernel_box_tree_free, self._handle)
 

@@ -74,13 +74,10 @@ class Held(ctypes.Structure):
 
     def hold_each(self, arrays: Iterable[tuple[str, Any]]) -> None:
         """Set pointers as `hold` does, to names and arrays."""
-        types, held = self.types, []
-        for name, one in arrays:
-            if one is not None:
-                array = np.ascontiguousarray(one, types[name])
-                held.append(array)
-                setattr(self, name, address(array))
-        self._arrays = held
+        types = self.types
+        self._arrays = [(name, np.ascontiguousarray(one, types[name])) for name, one in arrays if one is not None]
+        for name, array in self._arrays:
+            setattr(self, name, address(array))
 
 
 def address(array: NDArray[Any]) -> int:

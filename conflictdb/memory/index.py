@@ -107,14 +107,13 @@ class Index:
         check_word("put", "owner", owner)
         replaceable = inputs.keys("put", "replace", replace)
         self._limits.check(given)
+        mine = self._cut.known(self._scene, given)
         with self._lock:
-            world = self._put_world(given)
-            self._scene = world.setup.scene
-        mine = self._cut.known(world, given)
-        if mine is None and len(given) < _FEW and not has_schedules(given):
+            world = self._put_world(given, is_known=mine is not None)
+        if world is not None and len(given) < _FEW and not has_schedules(given):
             world.fit(*by_kind(given))
-        elif mine is None:
-            mine = self._cut.members(world, given)
+        elif world is not None:
+            mine = self._cut.of(world, given)
         # Plans that are their own owners may state another, as in a scene.
         if owner is None:
             new = owners = [_Owner(one.owner, [one.key], is_plan=True) for one in given]
@@ -139,14 +138,14 @@ class Index:
             self._forget(former, number)
             self._remember(new)
             if mine is None:
-                self._state = self._state.without_dead(self._scene, number, self._live())
+                self._state = self._state.without_dead(number, self._live())
                 for one, of in zip(given, owners, strict=True):
                     self._waiting[one.key] = _NewPlan(one, of, _copied(one))
                 if len(self._waiting) >= _WAITING:
                     self._cut_waiting()
             else:
-                added = _Put.of(mine, given, owners)
-                self._state = self._state.with_plans(self._scene, added, number, self._live())
+                added = _Put.of(mine.members, given, owners)
+                self._state = self._state.with_plans(added, number, self._live(), mine.boxes)
 
     def remove(self, owner: str) -> bool:
         """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
@@ -160,7 +159,7 @@ class Index:
                 return False
             number = self._state.number + 1
             self._forget(known, number)
-            self._state = self._state.without_dead(self._scene, number, self._live())
+            self._state = self._state.without_dead(number, self._live())
         return True
 
     def probe(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> Results[Conflict]:
@@ -178,15 +177,15 @@ class Index:
             world, state, is_within = self._probe_world(given)
         extra = _Extra() if is_within else self._reaching(state, world.window)
         scene = world.setup.scene
-        mine = self._cut.members(world, given)
+        mine = self._cut.of(world, given)
         keys = {one.key for one in given}
-        question, met = Question.of(scene), Together(mine)
+        question, met = Question.of(scene), Together(mine.members)
         within_us = question.within_us
         if owner is None:
             met.add_among(question)
-        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(met.rows)
+        plans_of = {one.key: one for one in given}
         for tree, put in (*state.levels, *extra.levels):
-            first, second = tree.pairs_of(held, within_us)
+            first, second = tree.pairs_of(mine.boxes, within_us)
             if not len(second):
                 continue
             of = put.object_of[second].tolist()
@@ -208,8 +207,8 @@ class Index:
             conflicts = [conflict.found_by(origin) for conflict in conflicts]
         return Results(conflicts, Conflict)
 
-    def _put_world(self, plans: Sequence[Plan]) -> World:
-        """Return the world of plans that are put; needs the lock.
+    def _put_world(self, plans: Sequence[Plan], *, is_known: bool) -> World | None:
+        """Return the world of plans that are put, None if they are known to fit; needs the lock.
 
         Schedules are expanded as far as the horizon, over all voyages of the index, and over what the plans touch. If
         that is more than before, those of the index are expanded again. Raises InvalidInput, and changes nothing.
@@ -219,9 +218,11 @@ class Index:
         window = self._window
         if window is not None or has_schedules(plans):
             window = horizon(self._scene, self._touched, span, known=window)
-        world = World.of(self._scene, areas, tracks, known=window)
+        world = None if is_known else World.of(self._scene, areas, tracks, known=window)
         self._expand_again(window)
         self._touched = hull(self._touched, span)
+        if world is not None:
+            self._scene = world.setup.scene
         return world
 
     def _probe_world(self, plans: Sequence[Plan]) -> tuple[World, "_State", bool]:
@@ -258,7 +259,7 @@ class Index:
             self._forget([*extra.instead], number)
             self._remember(extra.instead.values())
             for _, added in extra.levels:
-                self._state = self._state.with_plans(self._scene, added, number, self._live())
+                self._state = self._state.with_plans(added, number, self._live())
         self._window = window
 
     def _live(self) -> int:
@@ -271,7 +272,7 @@ class Index:
         if waiting:
             plans, owners, copies = (list(each) for each in zip(*waiting, strict=True))
             added = _Put.of(Members.of_plans(World(Setup.of(self._scene)), copies), plans, owners)
-            self._state = self._state.with_plans(self._scene, added, self._state.number, len(self))
+            self._state = self._state.with_plans(added, self._state.number, len(self))
 
     def _remember(self, owners: "Iterable[_Owner]") -> None:
         """Set the owners of names and keys."""
@@ -361,8 +362,9 @@ class _Level(NamedTuple):
     put: _Put
 
     @classmethod
-    def of(cls, scene: Scene, put: _Put) -> "_Level":
-        return cls(BoxTree(rows_of(put.pieces)), put)
+    def of(cls, put: _Put, boxes: HeldBoxes | None = None) -> "_Level":
+        """Return plans; boxes : of their pieces, if they are known."""
+        return cls(BoxTree(rows_of(put.pieces) if boxes is None else boxes), put)
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,23 +380,22 @@ class _State:
     def shows(self, owner: _Owner) -> bool:
         return owner.ended is None or owner.ended > self.number
 
-    def with_plans(self, scene: Scene, put: _Put, number: int, live: int) -> "_State":
-        """Return the state of a number with more plans; live : plans that it shows."""
+    def with_plans(self, put: _Put, number: int, live: int, boxes: HeldBoxes | None = None) -> "_State":
+        """Return the state of a number with more plans; live : plans that it shows; boxes : as of `_Level.of`."""
         levels, size = [*self.levels], len(put.pieces)
         merged = [put]
         while levels and len(levels[-1].put.pieces) < 2 * size:
             merged.insert(0, levels.pop().put)
             size += len(merged[0].pieces)
-        if len(merged) > 1:
-            put = _Put.merged(merged)
-        return _State(number, (*levels, _Level.of(scene, put))).without_dead(scene, number, live)
+        added = _Level.of(put, boxes) if len(merged) == 1 else _Level.of(_Put.merged(merged))
+        return _State(number, (*levels, added)).without_dead(number, live)
 
-    def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
+    def without_dead(self, number: int, live: int) -> "_State":
         """Return the state of a number; levels are merged once half of their plans have ended."""
         puts = [level.put for level in self.levels]
         if 2 * live >= sum([len(put.plans) for put in puts]):
             return self if number == self.number else _State(number, self.levels)
-        return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
+        return _State(number, (_Level.of(_Put.merged(puts)),) if live else ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,7 +424,7 @@ class _Extra:
         plans = [plan for plan, owner in shown if owner in former]
         owners = [instead[owner] for _, owner in shown if owner in former]
         added = _Put.of(Members.of_plans(World(Setup.of(scene), window), plans), plans, owners)
-        return cls(state.number, window, (_Level.of(scene, added),), instead)
+        return cls(state.number, window, (_Level.of(added),), instead)
 
 
 def listed(who: str, plans: Any) -> list[Plan]:
@@ -437,6 +438,13 @@ def listed(who: str, plans: Any) -> list[Plan]:
     return given
 
 
+class _Cut(NamedTuple):
+    """Plans cut into pieces, and the boxes of these."""
+
+    members: Members
+    boxes: HeldBoxes
+
+
 # Settings, the time over which schedules are expanded, and the contents of plans.
 _Question: TypeAlias = tuple[Scene, Window | None, list[tuple[Any, ...]]]
 
@@ -446,24 +454,26 @@ class _LastCut(threading.local):
 
     def __init__(self) -> None:
         self._asked: _Question | None = None
-        self._members: Members | None = None
+        self._cut: _Cut | None = None
 
-    def members(self, world: World, plans: Sequence[Plan]) -> Members:
+    def of(self, world: World, plans: Sequence[Plan]) -> _Cut:
         """Return plans cut into pieces, as `Members.of_plans` does."""
-        asked = self._question(world, plans)
-        if self._members is not None and asked == self._asked:
-            return self._members._replace(each=[Member.of(one) for one in plans])
-        self._members, self._asked = Members.of_plans(world, plans, warns=True), asked
-        return self._members
+        asked = self._question(world.setup.scene, world.window, plans)
+        if self._cut is not None and asked == self._asked:
+            members = self._cut.members._replace(each=[Member.of(one) for one in plans])
+            return self._cut._replace(members=members)
+        members = Members.of_plans(world, plans, warns=True)
+        self._cut, self._asked = _Cut(members, HeldBoxes.of(rows_of(members.pieces))), asked
+        return self._cut
 
-    def known(self, world: World, plans: Sequence[Plan]) -> Members | None:
-        """Return the last question's plans cut into pieces if these are the same, or None."""
-        is_same = self._members is not None and self._question(world, plans) == self._asked
-        return self._members if is_same else None
+    def known(self, scene: Scene, plans: Sequence[Plan]) -> _Cut | None:
+        """Return the last question's plans cut into pieces if these are the same and have no schedule, or None."""
+        if self._cut is None or has_schedules(plans):
+            return None
+        return self._cut if self._question(scene, None, plans) == self._asked else None
 
-    def _question(self, world: World, plans: Sequence[Plan]) -> _Question:
-        window = None if world.window is None or not has_schedules(plans) else world.window
-        return world.setup.scene, window, [_content(one) for one in plans]
+    def _question(self, scene: Scene, window: Window | None, plans: Sequence[Plan]) -> _Question:
+        return scene, window if has_schedules(plans) else None, [_content(one) for one in plans]
 
 
 def _copied(plan: Plan) -> Plan:

@@ -12,6 +12,9 @@ import shapely
 from counted_calls import calls_of
 
 from conflictdb import Area, Index, Motion, Scene, Track
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.core.stage1_broad_phase import rows_of
+from conflictdb.kernel.boxes import RowBoxes
 
 T0_US = 1_700_000_000_000_000
 HOUR_US = 3_600_000_000
@@ -56,7 +59,7 @@ def area(key: str) -> Area:
     return Area(key, [(4.5, 50.0), (5.0, 50.0), (5.0, 51.0)], None, T0_US, T0_US + HOUR_US, 0.0, 10.0)
 
 
-@pytest.mark.parametrize(("plan", "most"), [(area, 785), (track, 1240)])
+@pytest.mark.parametrize(("plan", "most"), [(area, 745), (track, 1180)])
 def test_a_plan_is_compared_by_few_calls(plan: Callable[[str], Area | Track], most: int) -> None:
     """What a question needs of its settings is made once, and nothing for plans of another kind."""
     index = Index(Scene("calls"))
@@ -66,6 +69,41 @@ def test_a_plan_is_compared_by_few_calls(plan: Callable[[str], Area | Track], mo
     # The same plan again would not be cut again.
     asked = itertools.cycle([plan("P"), plan("Q")])
     assert calls_of(lambda: index.probe(next(asked), "asker")) <= most
+
+
+@pytest.mark.parametrize(("plan", "most"), [(area, 2180), (track, 2820)])
+def test_a_conflict_is_found_by_few_calls(plan: Callable[[str], Area | Track], most: int) -> None:
+    """Stages that have nothing to decide cost next to nothing."""
+    index = Index(Scene("calls"))
+    index.put(plan("A"), "owner")
+    asked = itertools.cycle([plan("P"), plan("Q")])
+    assert calls_of(lambda: index.probe(next(asked), "asker")) <= most
+
+
+@pytest.mark.parametrize(("plan", "most"), [(area, 375), (track, 405)])
+def test_a_compared_plan_is_put_by_few_calls(plan: Callable[[str], Area | Track], most: int) -> None:
+    """It is neither checked nor cut again."""
+    index, asked = Index(Scene("calls")), plan("P")
+    index.probe(asked, "asker")
+    assert calls_of(lambda: index.put(asked, "asker")) <= most
+
+
+@pytest.mark.parametrize("plan", [area, track])
+def test_boxes_of_a_compared_plan_are_made_once(
+    plan: Callable[[str], Area | Track], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+
+    def counted(pieces: Pieces) -> RowBoxes:
+        made.append(len(pieces))
+        return rows_of(pieces)
+
+    monkeypatch.setattr("conflictdb.memory.index.rows_of", counted)
+    index, asked = Index(Scene("calls")), plan("P")
+    index.probe(asked, "asker")
+    index.probe(asked, "asker")
+    index.put(asked, "asker")
+    assert len(made) == 1
 
 
 def test_an_index_takes_few_bytes_a_volume() -> None:
