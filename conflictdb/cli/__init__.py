@@ -3,12 +3,10 @@
 This room reads the environment, converts errors to one message and an exit code, and prints text.
 """
 
-import logging
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Final
 
@@ -23,7 +21,7 @@ from conflictdb.cli.codes import (
     USAGE,
 )
 from conflictdb.cli.commands import build
-from conflictdb.cli.output import Formatter, remark
+from conflictdb.cli.output import remark
 from conflictdb.cli.termination import Terminated, interrupt_behind, termination_as_interrupt
 from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput, NotCurrent, SchemaError, ServerError
 
@@ -42,7 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):  # JSON and GeoJSON are UTF-8 in every locale
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     args = build().parse_args(arguments)
-    with _logging(args.debug):
+    from conflictdb.cli.logs import logged  # help needs none
+
+    with logged(args.debug):
         return _run(args)
 
 
@@ -77,28 +77,6 @@ def _run(args: Namespace) -> int:
     return code
 
 
-@contextmanager
-def _logging(debug: bool) -> Iterator[None]:
-    """Log everything to stderr with `debug`; restore logging afterwards for callers of `main`."""
-    if not debug:
-        if not (driver := logging.getLogger("psycopg")).handlers:
-            # The driver's warnings about a failed rollback after Ctrl-C are noise: the error itself is reported.
-            driver.addHandler(logging.NullHandler())
-        yield
-        return
-    root = logging.getLogger()
-    level = root.level
-    handler = logging.StreamHandler()
-    handler.setFormatter(Formatter("%(asctime)s %(name)s: %(message)s"))
-    root.addHandler(handler)
-    root.setLevel(logging.DEBUG)
-    try:
-        yield
-    finally:
-        root.setLevel(level)
-        root.removeHandler(handler)
-
-
 def _database_error(error: Exception) -> ConflictDBError | None:
     """Convert an error of psycopg to one of this package; None for any other error."""
     if not type(error).__module__.startswith("psycopg"):
@@ -114,6 +92,8 @@ def _database_error(error: Exception) -> ConflictDBError | None:
 
 def _failed(error: Exception, code: int, debug: bool, message: str = "") -> int:
     if debug:
+        import logging
+
         logging.getLogger(__name__).error("failed", exc_info=error)
     remark(message or str(error))
     return code

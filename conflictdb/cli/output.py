@@ -3,7 +3,6 @@
 Keys, names and messages are escaped for terminals (`printable`); only `data` is printed unchanged, for programs.
 """
 
-import logging
 import os
 import re
 import shlex
@@ -21,14 +20,6 @@ _LOCK: Final = RLock()  # a thread shows the progress
 _CLEAR_LINE: Final = "\r\033[K"
 _BREAK: Final = "\n"
 _INSTALL_EXTRA: Final = re.compile(r"pip install 'conflictdb\[(?!spark)[a-z,]+\]'")
-
-
-class Formatter(logging.Formatter):
-    """Log records as lines with control characters escaped."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Return a record as text; a traceback keeps its lines."""
-        return printable(super().format(record), keep=_BREAK)
 
 
 def out(text: str = "", *, flush: bool = False) -> None:

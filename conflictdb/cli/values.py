@@ -9,7 +9,6 @@ from itertools import pairwise
 from math import ulp
 from sys import float_info
 from typing import Final
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.core.memory_budget import LEAST_MEMORY_MB
 from conflictdb.errors import InvalidInput
@@ -318,15 +317,17 @@ def chosen_zone() -> tzinfo:
         raise InvalidInput("CONFLICTDB_TZ", "", str(error)) from None
 
 
-def zone(text: str) -> ZoneInfo:
+def zone(text: str) -> tzinfo:
     """Return a time zone by its name."""
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError  # few commands are given one
+
     try:
         return ZoneInfo(text)
     except (ValueError, OSError, ZoneInfoNotFoundError):
         raise argparse.ArgumentTypeError(f"must be a time zone such as Europe/Copenhagen; got {text!r}") from None
 
 
-def aware(moment: datetime | None, where: ZoneInfo | None) -> datetime | None:
+def aware(moment: datetime | None, where: tzinfo | None) -> datetime | None:
     """Return a moment of `time` with its offset in a zone; raises ArgumentTypeError if it is unknown or ambiguous."""
     if moment is None or moment.tzinfo is not None:
         return moment

@@ -1,7 +1,6 @@
 """Bound how much of a scene is processed at once, so that memory does not grow with its size."""
 
-from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 # Default memory limit of a process, megabytes, and the least limit that a user may set.
 MEMORY_MB: Final = 512
@@ -23,8 +22,7 @@ _ROOM_IN_HAND: Final = 1 / 3
 _SENT_BYTES: Final = 16 * 2**20
 
 
-@dataclass(frozen=True, slots=True)
-class MemoryBudget:
+class MemoryBudget(NamedTuple):
     """Numbers of pairs of pieces solved at once, of pieces built at once, and of boxes in memory at once."""
 
     pairs: int
@@ -52,7 +50,7 @@ class MemoryBudget:
 
     def _without(self, taken: int) -> Self:
         pairs, pieces = self.pairs - taken // _PAIR_BYTES, self.pieces - taken // _PIECE_BYTES
-        return replace(self, pairs=max(pairs, 1), pieces=max(pieces, 1))
+        return self._replace(pairs=max(pairs, 1), pieces=max(pieces, 1))
 
 
 DEFAULT_MEMORY: Final = MemoryBudget.of(MEMORY_MB)

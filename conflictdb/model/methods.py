@@ -1,10 +1,9 @@
 """The methods of detection, one table: what each stops after, promises and costs. Imports no library."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 # What to say to who asks for a method of earlier releases.
 REMOVED: Final[Mapping[str, str]] = MappingProxyType({"window": "was removed: use exact, which is quicker and decides"})
@@ -25,8 +24,7 @@ class Solver(Enum):
     PROGRAMS = auto()  # the published linear and nonlinear programs say where to look
 
 
-@dataclass(frozen=True, slots=True)
-class MethodSpec:
+class MethodSpec(NamedTuple):
     """What a method does, costs and promises.
 
     solver : of stage 4; None: the method stops after stage 2, and finds neither places nor closest approaches

@@ -6,10 +6,9 @@ loop over it; docs/generate.py writes the models of SQLAlchemy. To add a setting
 to `create_scene` (sql/15_editing.sql; sql/06_retired.sql has its former parameters), and act on it.
 """
 
-from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from numbers import Real
-from typing import Any, Final, TypeAlias, TypedDict
+from typing import Any, Final, NamedTuple, TypeAlias, TypedDict
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import REMOVED, Method
@@ -99,8 +98,7 @@ _UNITS: Final = {SettingType.METRES: "metres", SettingType.SECONDS: "seconds", S
 Choices: TypeAlias = type[StrEnum]
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(NamedTuple):
     """A setting of a scene.
 
     meaning : one sentence, for the catalog and reference pages; a place has one for its longitude and its latitude

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from conflictdb.cli import output
 from conflictdb.cli.load_report import conflict_table, loaded_text, skipped_text
+from conflictdb.cli.logs import Formatter
 from conflictdb.client.loading import Loaded
 from conflictdb.errors import InvalidInput, printable
 from conflictdb.formats import Skipped, conflict_text
@@ -83,7 +84,7 @@ def test_messages_tables_and_logs_only_show(attack: str, capsys: pytest.CaptureF
         output.remark(line)
     record = logging.LogRecord("conflictdb", logging.INFO, "", 1, "scene %s", (attack,), None)
     printed = capsys.readouterr()
-    for text in (printed.out, printed.err, output.Formatter("%(message)s").format(record)):
+    for text in (printed.out, printed.err, Formatter("%(message)s").format(record)):
         assert shown(text)
 
 

@@ -1,11 +1,13 @@
 """The commands and their options, as help lists them."""
 
+import argparse
+from collections.abc import Sequence
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import conflictdb
 from conflictdb.cli.commands import admin, finding, operating, showing, spark
-from conflictdb.cli.output import program
+from conflictdb.cli.output import out, program
 from conflictdb.cli.parser import Parser
 
 ENVIRONMENT: Final = {
@@ -49,6 +51,18 @@ def build(prog: str | None = None) -> Parser:
     return _built(prog or program())
 
 
+class _Version(argparse.Action):
+    """Show the version, which takes as long to find as all of the help."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **given: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, 0, **given)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print it, and exit."""
+        out(f"conflictdb {conflictdb.__version__}")
+        parser.exit()
+
+
 @cache
 def _built(prog: str) -> Parser:
     parser = Parser(
@@ -62,9 +76,7 @@ def _built(prog: str) -> Parser:
         "--dsn", metavar="DATABASE", help="connection string or URI (default: $CONFLICTDB_DSN, else the embedded one)"
     )
     parser.add_argument("--debug", action="store_true", help="log to stderr, with tracebacks")
-    parser.add_argument(
-        "--version", action="version", version=f"conflictdb {conflictdb.__version__}", help="show the version"
-    )
+    parser.add_argument("--version", action=_Version, help="show the version")
     commands = parser.add_subparsers(prog=parser.prog, dest="command", required=True, metavar="COMMAND")
     for family in (finding, showing, operating, spark, admin):
         family.add(commands)
