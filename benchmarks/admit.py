@@ -4,8 +4,8 @@
 
 Flights of 2 to 8 km with one bend, in 20 km by 20 km within 4 hours, at 15 m/s. A flight is some six volumes (legs of a
 kilometre at most, 50 m to every side, 20 m high, 10 s before and after), or a track whose haven is as uncertain. They
-are asked for until so many are accepted, then 40 more. Before the last 1,000 (--probed) that are accepted, brute force
-alone decides.
+are requested until a given number is accepted, then 40 more. Before the last 1,000 (--probed) that are accepted, brute
+force alone decides.
 
 - box: the flight's bounding box in space and time, the algorithm of a UTM server's own engine (openutm/flight-blender)
 - index: `Index.probe` and `put`
@@ -139,7 +139,7 @@ def degrees(x: float, y: float) -> tuple[float, float]:
 
 
 def instant(seconds: float) -> np.datetime64:
-    """Return the instant so many seconds after the beginning."""
+    """Return the instant a number of seconds after the beginning."""
     return np.datetime64(T0_US + round(seconds * 1e6), "us")
 
 
@@ -254,7 +254,7 @@ def brute_force(one: Flight, near: Sequence[Flight]) -> tuple[bool, bool]:
 
 
 def run(accepted: int, form: str, motion: str, stored: bool, most_probed: int) -> None:
-    """Admit flights until so many are accepted, and print what it took."""
+    """Admit flights until a given number is accepted, and print the cost."""
     scene = Scene("admit", motion=motion, tolerance_m=0.005)  # type: ignore[arg-type]
     rng, index = np.random.default_rng(accepted), Index(scene)
     there: list[Flight] = []

@@ -26,7 +26,7 @@ from typing import Final
 
 # A message lists at most this many mistakes, a screen full, and counts the rest.
 MOST_TOLD: Final = 20
-# A reason of more objects is said once, with so many of their names.
+# A reason of more objects is printed once, with this number of names.
 _FEW: Final = 3
 _MOST_NAMED: Final = 5
 # Values in a message: quoted texts, and numbers.

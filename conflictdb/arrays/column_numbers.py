@@ -43,7 +43,7 @@ def piece_numbers(numbers: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArra
 
 
 def measures(kind: str) -> Iterator[PlanColumn]:
-    """Yield the columns of numbers of which batches have arrays."""
+    """Yield the columns of numbers that batches store as arrays."""
     return (one for one in columns_of(kind, Form.NUMBER) if one.name in _MEASURES)
 
 

@@ -314,7 +314,7 @@ class TrackBatch:
         )
 
     def departing(self, tracks: Sequence[Track]) -> Self:
-        """Return these tracks, of which each makes one voyage, with their departures."""
+        """Return these tracks, each of one voyage, with their departures."""
         return replace(self, departs=_departures(tracks, self.departs.at_us))
 
     def outlines_on(

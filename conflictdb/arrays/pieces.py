@@ -136,7 +136,7 @@ class Pieces:
         return replace(self, start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
 
     def meeting_within(self, within_us: int) -> Self:
-        """Return pieces whose spans meet exactly if those of these come within so many microseconds."""
+        """Return pieces whose spans meet exactly if the spans of these come within a number of microseconds."""
         return self.longer(*halves(within_us)) if within_us else self
 
     def take(self, rows: NDArray[np.int64]) -> Self:

@@ -127,7 +127,7 @@ def conflicts(args: argparse.Namespace) -> int:
         with database(args) as db:
             scene = db.scene(args.scene)
             state = scene.state()
-            # What follows from latenesses is looked up in what the last detection stored.
+            # Alarms of late tracks come from the differences that the last detection stored.
             remark_incomplete([state])
             _print_live(scene.live(), scene.live_conflicts(), args)
         return listed(state)

@@ -36,7 +36,7 @@ COMMANDS: Final = {
     "help": "--help, or COMMAND --help",
     "version": "--version",
 }
-# Options that people try first, and those that do it, of which a command may have one.
+# Options that people try first, and those that do it; a command may have one of these.
 OPTIONS: Final = {
     **dict.fromkeys(("--delay", "--delays", "--shift", "--later", "--by"), ("--late", "--within")),
     **dict.fromkeys(("--exchange",), ("--swap",)),

@@ -116,8 +116,8 @@ def bearing_deg(text: str) -> float:
     """Return a bearing in degrees clockwise from north, of 270 or of a point of the compass, W or west."""
     rule = "a bearing in degrees, from -360 to 360, or a point of the compass such as W or NNE"
     point = re.sub("[ -]", "", text.lower())
-    for name, letter in (("north", "n"), ("east", "e"), ("south", "s"), ("west", "w")):
-        point = point.replace(name, letter)
+    for word in ("north", "east", "south", "west"):
+        point = point.replace(word, word[0])
     if point in _POINTS:
         return 22.5 * _POINTS.index(point)
     return _number(text.strip().removesuffix("°"), rule, least=-360.0, most=360.0)

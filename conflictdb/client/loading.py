@@ -235,7 +235,7 @@ def _far_from(stored: tuple[list[Area], list[Track]], plan: GatheredScene, setti
 
 
 def _is_number(key: str, count: int) -> bool:
-    """Return whether an id is the number of a row of a file of so many objects."""
+    """Return whether an id is the number of a row of a file of `count` objects."""
     return key.isdecimal() and len(key) < 10 and int(key) <= count
 
 

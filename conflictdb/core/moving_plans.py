@@ -52,7 +52,7 @@ def dragged(area: Area, from_deg: Sequence[float], to_deg: Sequence[float], scen
 def _elsewhere(
     plan: Area | Track, places: _Floats, at: _Floats, distance_m: float, bearing_deg: float, scene: Scene
 ) -> Area | Track:
-    """Return a plan of which a place moves by a distance along a bearing."""
+    """Return a plan with one place moved by a distance along a bearing."""
     who = f"{'area' if isinstance(plan, Area) else 'track'} {plan.key!r}"
     if not (0.0 <= distance_m <= _MOST_M and np.isfinite(bearing_deg)):
         rule = "must be a distance from 0 to 20,000 km and a bearing in degrees"

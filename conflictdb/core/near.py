@@ -37,9 +37,9 @@ _NO_OBJECTS: Final = AreaBatch.of([]), TrackBatch.of([])
 class Question(NamedTuple):
     """Which pairs of pieces are asked for; by default all that share time, heights and place.
 
-    mine : (m,) rows of pieces, one of which is in each pair; None: all pairs
+    mine : (m,) rows of pieces: pairs with at least one of these; None: all pairs
     earlier_us, later_us : how much earlier or later one of two pieces, or one of `mine`, may be; also (m,)
-    each_way : also the mirror images of pairs of which both are mine
+    each_way : also the mirror images of pairs whose pieces are both mine
     any_height : pairs need not share heights
 
     It has no distance: hulls are padded for the separations of their settings, `margins.widened` for a larger distance.
@@ -267,7 +267,7 @@ class Together:
         first: NDArray[np.int64],
         second: NDArray[np.int64],
     ) -> None:
-        """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
+        """Add pairs of pieces of the first objects and of others, whose numbers `of` returns."""
         if not len(second):
             return
         rows, place = distinct(second)

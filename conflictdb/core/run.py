@@ -201,7 +201,7 @@ def _moving_contacts(
     jobs: int,
     progress: Progress | None,
 ) -> Contacts:
-    """Return the contacts of pairs of which one moves, by stages 3 and 4; `funnel` counts their work."""
+    """Return the contacts of pairs with a moving piece, by stages 3 and 4; `funnel` counts their work."""
     clock = time.perf_counter()
     if METHODS[setup.scene.method].needs_regions:
         first, last = _windows(setup, prepared, pairs.take(moving))
@@ -265,7 +265,7 @@ def _merged_uses(
             *(found for _, found in found_of_tracks),
         ]
     )
-    # Not its closed forms, several of which serve one pair.
+    # Without its closed forms: one pair may use several.
     funnel.effort.exact.windows += work.windows
     funnel.effort.exact.evaluations += work.evaluations
     funnel.solved_pairs += len(tracks)

@@ -21,7 +21,7 @@ def slots_of(delays: Delays, least: int, most: int, best: int | None = None) -> 
     """Return the free windows of delays in [least, most], microseconds: nearest to the planned departure first.
 
     delays : with a departure
-    best : return at most so many; None: all
+    best : the number of windows to return; None: all
     """
     closed = [(round(1e6 * one.from_s), round(1e6 * one.to_s)) for one in delays.forbidden]
     windows, low = [], least

@@ -5,7 +5,7 @@ at k u. It meets an object that is at the same place at v if and only if k = v /
 and v are at most T apart (`factors_within`). If one leg alone has another speed, that holds on this leg, since its
 beginning; what comes before it stays as planned, and what comes after is (k - 1) L later, L being the duration of the
 leg. Outer intervals contain all forbidden speeds; inner ones contain no others. With a separation in time nothing is
-proven about two tracks of which one climbs, unless their heights always overlap.
+proven about two tracks if one climbs, unless their heights always overlap.
 """
 
 from typing import Final

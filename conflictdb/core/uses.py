@@ -73,7 +73,7 @@ class Uses:
 
 
 def with_wide_areas(pieces: Pieces, within_us: int) -> Pieces:
-    """Return pieces with the spans of areas widened by so many microseconds at both ends."""
+    """Return pieces with the spans of areas widened by a number of microseconds at both ends."""
     by_us = np.where(pieces.kind == Kind.AREA.code, within_us, 0)
     return pieces.longer(by_us, by_us)
 

@@ -83,7 +83,7 @@ def least_reach(
 
 
 def _shifts(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> Shifts:
-    """Return pairs of tracks (n,), asked about differences of time within so many microseconds."""
+    """Return pairs of tracks (n,), whose differences of time are wanted up to `within_us`."""
     zero_a, zero_b, nothing = pieces.start_us[a], pieces.start_us[b], np.zeros(len(a))
     lasts_s = [(pieces.end_us[one] - pieces.start_us[one]) / 1e6 for one in (a, b)]
     between_us = zero_b - zero_a

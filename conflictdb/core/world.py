@@ -1,7 +1,7 @@
 """Prepare a question once: which times it may touch, the plane, the activations of schedules, the pieces.
 
 `touched` gives the times. `World.of` checks plans and fixes the plane and the time over which schedules are expanded.
-`occupy` cuts plans into pieces, of which `near` gives the pairs and `run` the conflicts.
+`occupy` cuts plans into pieces, `near` returns their pairs, and `run` the conflicts of these.
 """
 
 import time

@@ -47,7 +47,7 @@ ED318: Final = Standard(
 )
 _OF_ED318: Final = frozenset({"identifier", "country", "type", "variant"})
 _OF_ED269: Final = frozenset({"identifier", "country", "restriction", "geometry"})
-# Members of which a zone of ED-318 has at least some.
+# A zone of ED-318 has at least one of these members.
 _SIGNS_OF_ED318: Final = _OF_ED318 | {"limitedApplicability", "zoneAuthority"}
 _FIRST: Final = 100  # zones that are looked at
 _VOLUME: Final = frozenset(
@@ -56,7 +56,7 @@ _VOLUME: Final = frozenset(
         "horizontalProjection",
     }
 )
-# Codes of zones, of which rules may name the class.
+# Codes of zones: classes that rules may name.
 CODES: Final = frozenset(
     {"PROHIBITED", "REQ_AUTHORIZATION", "REQ_AUTHORISATION", "CONDITIONAL", "NO_RESTRICTION", "USPACE"}
 )

@@ -40,7 +40,7 @@ _DEVIATION_M: Final = 0.5
 _WIDER_M: Final = 2.0
 # Nearer to a pole the plane of rhumb lines stretches too much.
 _HIGHEST_DEG: Final = 85.0
-# Length of the way in a volume: so many havens, and not less; and volumes of a track, about.
+# Least length of the way in a volume, in havens; and about the number of volumes of a track.
 _HAVENS: Final = 4.0
 _LEAST_STEP_M: Final = 500.0
 _MOST_STEPS: Final = 200

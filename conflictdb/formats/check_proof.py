@@ -589,7 +589,7 @@ def _meeting(scene: _Scene) -> Iterator[tuple[_Piece, _Piece, int]]:
             one, other = (p, q) if p.number < q.number else (q, p)
             (west, south, east, north), (west_to, south_to, east_to, north_to) = one.box, other.box
             if south <= north_to and south_to <= north:
-                # The second box is moved by so many turns of longitude.
+                # The second box is moved by `turns` turns of longitude.
                 for turns in range(-floor((east_to - west) / turn), floor((east - west_to) / turn) + 1):
                     yield one, other, turns
 

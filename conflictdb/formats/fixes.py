@@ -21,7 +21,7 @@ LENGTH_WIDTH: Final = ("length_m", "width_m")
 # Fixes of a track, at least.
 _LEAST_FIXES: Final = 2
 # Two ships of one identity: how often their fixes alternate at least, how many of the others one ship explains, and how
-# many ships are told apart.
+# many ships are separated.
 _LEAST_RUNS: Final = 3
 _NEARLY_ALL: Final = 0.8
 _MOST_SHIPS: Final = 4

@@ -102,7 +102,7 @@ def _elements(text: "_ArrivingText", at_once: int) -> Iterator[list[Any]]:
 
 
 class _ArrivingText:
-    """A text of which some characters are here, and a place in it.
+    """A part of a text, and a place in it.
 
     here : those characters
     at : the place in them

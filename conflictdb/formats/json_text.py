@@ -106,7 +106,7 @@ def once(names: Sequence[str]) -> None:
 
 
 def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the members of a JSON object, none of which may occur twice."""
+    """Return the members of a JSON object; none may occur twice."""
     members = dict(pairs)
     if len(members) < len(pairs):
         once([name for name, _ in pairs])

@@ -399,7 +399,7 @@ def _positions(lines: list[list[Any]] | None, widths: set[int]) -> NDArray[np.fl
 
 
 def _chained(lists: list[list[Any]] | None) -> list[list[Any]] | None:
-    """Return the members of lists; None unless all lists have members, all of which are lists."""
+    """Return the members of lists; None unless all lists have members, and all members are lists."""
     if lists is None or not all(lists):
         return None
     members = list(chain.from_iterable(lists))

@@ -319,7 +319,7 @@ class _Reader:
 
     @staticmethod
     def _fills(side: int, found: Mapping[str, float]) -> bool:
-        """Return whether the row or the hints say a length or width of which both sides are 0."""
+        """Return whether the row or the hints give a length or width whose sides are both 0."""
         return given_haven() is not None or LENGTH_WIDTH[side // 2] in found
 
     def is_flat(self, rows: Fixes) -> bool:

@@ -24,7 +24,7 @@ _Ints = NDArray[np.int64]
 
 # Objects in the first batch; the size of later batches follows from the pieces.
 _FIRST_OBJECTS: Final = 500
-# Pieces take half of the memory; about one in so many pairs of pieces, whose rows meet, is solved.
+# Pieces take half of the memory; about one in this number of pairs of pieces, whose rows meet, is solved.
 _SHARE: Final = 2
 _LOOKED_AT: Final = 16
 _ROWS_AT_ONCE: Final = 5_000

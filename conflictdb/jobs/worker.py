@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 EVERY_S: Final = 0.5
 # Longest pause after a lost connection or a failed detection.
 _LONGEST_PAUSE_S: Final = 60.0
-# When to report who else detects a changed scene. With `once`, somebody waits and is told earlier (`say_after_s`).
+# When to report who else detects a changed scene. With `once`, a person waits: report earlier (`say_after_s`).
 _SAY_BUSY_AFTER_S: Final = 60.0
 # Lower bound of the pause, however often attached tables are compared.
 _LEAST_PAUSE_S: Final = 0.1
@@ -129,7 +129,7 @@ class Worker:
     retry_s : pause after a lost connection or a failed detection, seconds; doubled each time, up to a minute, or
         to `every_s` for a scene if that is longer
     busy_s : pause before it tries again a scene that another session detects, seconds
-    unnotified_s : looks this often for changes of which no notification arrives, seconds
+    unnotified_s : seconds between two looks for changes without a notification
     heard_within_s : waits this long for a test notification, where one may not arrive, seconds
     say_after_s : `once` reports who else detects a changed scene after this time, seconds
     """

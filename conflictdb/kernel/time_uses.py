@@ -75,7 +75,7 @@ def complete(
     known: NDArray[np.int8],
     contact_s: tuple[Floats, Floats] | None = None,
 ) -> NDArray[Any]:
-    """Complete uses (n,), of which verdict and touches are known, and return them.
+    """Complete uses (n,) whose verdict and touches are known, and return them.
 
     One that ends before it starts becomes unresolved while both pieces are near in time.
 

@@ -1,4 +1,4 @@
-"""Decide whether pairs reach deeper than a margin into an area, of which one piece is a convex part."""
+"""Decide whether pairs reach deeper than a margin into an area; one piece is a convex part of it."""
 
 import ctypes
 from dataclasses import dataclass

@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 _PAUSE_S: Final = 0.5
 # SceneChanges within this time are sent as one.
 _TOGETHER_S: Final = 0.1
-# How often to check whether the scene is still visible, of which the database sends no notification.
+# How often to check whether the scene is still visible: the database sends no notification of it.
 _LOOK_S: Final = 1.0
 # Proxies and browsers close connections silent for longer.
 _SILENT_S: Final = 15.0

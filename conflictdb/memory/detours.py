@@ -21,7 +21,7 @@ from conflictdb.model.proposals import Detour, NewWaypoints
 # Ways that are tried on each leg: where on it the waypoints are, and how far aside, by the limit.
 _PLACES: Final = ((0.5,), (0.25,), (0.75,), (0.1, 0.9), (0.25, 0.75), (0.02, 0.98))
 _ASIDE: Final = tuple(sign * k / 12.0 for k in range(1, 13) for sign in (-1, 1))
-# The best ways come nearer to the leg by halves, so many times.
+# How many times the best ways come nearer to the leg by halves.
 _HALVINGS: Final = 6
 
 

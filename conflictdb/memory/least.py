@@ -125,7 +125,7 @@ def _of_component(program: Program, turns: Sequence[int], goal: str, ends: float
 
 
 def _cliques(program: Program) -> list[list[int]]:
-    """Return sets of tracks of which each two must pass in turn, as far as two such sets share at most one track."""
+    """Return sets of tracks that must pass in turn, two by two, as far as two such sets share at most one track."""
     neighbours: dict[int, set[int]] = {}
     for (i, j), spans in program.pair.items():
         if not is_free(spans, 0):

@@ -13,7 +13,7 @@ from conflictdb.model.plans import MAX_DISTANCE_M, METRES_PER_NMI, Area, Scene, 
 from conflictdb.model.proposals import Move, NewPlace, NewWaypoints, Passing, Side
 from conflictdb.model.results import Conflict
 
-# Closest approaches are told up to this much beyond the required separation, metres.
+# Closest approaches are reported up to this far beyond the required separation, metres.
 _NEAR_M: Final = 10.0 * METRES_PER_NMI
 
 

@@ -133,7 +133,7 @@ def delays(
         Return the free windows of departures between these, which replace the horizon, as `slots`, and what closes the
         other departures as `closed`. The plan needs a key and must not repeat.
     best : int, optional
-        Return at most so many windows, those nearest to the planned departure; also without `start` and `end`.
+        The number of windows to return, those nearest to the planned departure; also without `start` and `end`.
     """
     options = DelayOptions.of(within_s, now, clear_within_m, waypoint, margin_s, margin_m, start, end, best)
     return delays_over(None, tracks, areas, scene, key, options)

@@ -22,13 +22,13 @@ MOST_TRACKS: Final = 30
 _MOST_STATES: Final = 400_000
 # States of a layer that find a good order first.
 _BEAM: Final = 2_000
-# Each state is compared with so many others of the same set that cost less.
+# How many others of the same set, that cost less, each state is compared with.
 _RIVALS: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """Tracks (n,) of which any two pass in turn.
+    """Tracks (n,) that pass in turn, two by two.
 
     least : (n,) the least delay of each, microseconds
     lag : (n, n) how much later than a track each other is at least, if it comes after it

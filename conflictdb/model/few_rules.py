@@ -234,7 +234,7 @@ def _outlines(tracks: Sequence[Any]) -> Broken:
 
 
 def _rings(count: list[int], corners: list[int]) -> Many:
-    """Return the corners of all rings of some tracks, of which each has `count` rings of equally many corners."""
+    """Return the corners of all rings of some tracks, each with `count` rings of equally many corners."""
     return Many.even(count[0], corners[0]) if len(count) == 1 else Many.of(np.repeat(corners, count))
 
 

@@ -86,7 +86,7 @@ def check_case(who: str, names: Iterable[str]) -> None:
 def touched_times(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[pa.RecordBatch]:
     """Yield, in the form TIMES, the times that the tracks of each batch may touch, for `cut`'s window.
 
-    Batches of which an object is refused yield none: `cut` refuses it.
+    Batches with a refused object yield none: `cut` refuses it.
     """
     for batch in batches:
         with suppress(InvalidInput):
@@ -98,7 +98,7 @@ def touched_times(batches: Iterable[pa.RecordBatch], scene: Scene) -> Iterator[p
 def cut(
     batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = np.inf, window: Window | None = None
 ) -> Iterator[pa.RecordBatch]:
-    """Yield the pieces of objects; some objects of which one is refused are one row that says so.
+    """Yield the pieces of objects; a batch with a refused object is one row that says so.
 
     Of two with the same key the second is refused: they must be in the same batches.
 

@@ -53,5 +53,5 @@ PIECE_COLUMNS: Final = (
     PieceColumn("climb", "double precision[]", is_scalar=False),
     *(PieceColumn(name, "bigint") for name in IN_PIECES),
 )
-# The columns of which clients send one value a row, in the order of the parameters of _put_pieces.
+# The columns that clients send as one value a row, in the order of the parameters of _put_pieces.
 SCALARS: Final = tuple(one for one in PIECE_COLUMNS if one.is_scalar)

@@ -76,7 +76,7 @@ def _pieces_by_rules(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Piec
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether piece a or b (n,) is a cover, of which only time and heights are known."""
+    """Return (n,) whether piece a or b (n,) is a cover: only its time and heights are known."""
     return (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
 
 

@@ -31,7 +31,7 @@ _BULGE: Final = 0.002
 _LEAST_WAY_M: Final = 0.05
 # More than rounding displaces a vertex, metres: of positions, of headings, of breakpoints to microseconds.
 _ROUNDING_M: Final = 0.02
-# Corners of a turn: one for each so many degrees of an arc.
+# Degrees of an arc between two corners of a turn.
 _STEP_DEG: Final = 10.0
 _SHORTEST_US: Final = 1
 
