@@ -2,9 +2,10 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeVar, cast
+from functools import partial
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numpy as np
 import psycopg
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.column_numbers import measures
 from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
-from conflictdb.arrays.ragged import offsets
+from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model import many
@@ -38,6 +39,16 @@ def fixed_columns(kind: str) -> list[tuple[str, str]]:
 def string_columns(kind: str) -> list[str]:
     """Return the other plain columns of plans in these rows, without bytes for none."""
     return [one.name for one in columns_of(kind, *_PLAIN)]
+
+
+_Encoder = Callable[[Sequence[Any]], copy_binary.Column]
+
+
+class _Codec(NamedTuple):
+    """A column of the form OWN, of plans as rows, and of the bytes of one row; None: all rows are read at once."""
+
+    encode: _Encoder
+    decode: Callable[[bytes], Any] | None = None
 
 
 # Areas, and tracks, that are encoded at once: bounds memory.
@@ -105,8 +116,8 @@ def replace_scene_by_parts(
     with transaction(conn):
         call(conn, "_begin_load")
         for areas, tracks in parts:
-            copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
-            copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
+            copy_binary.send(conn, "pg_temp.staged_area", _staged(AREA, areas))
+            copy_binary.send(conn, "pg_temp.staged_track", _staged(TRACK, tracks))
         phase("storing objects", 0, 0)
         *counts, number, stored, page = call(conn, "_load", scene.name, settings_of(scene), merge)
         while page is not None:
@@ -136,14 +147,11 @@ def put_rows(
 def plan_rows(areas: Sequence[Area], tracks: Sequence[Track]) -> str:
     """Return plans as the JSON array of objects that the routine `_put_plans` reads."""
     rows = []
-    plans_of: list[tuple[Sequence[Area | Track], dict[str, copy_binary.Column]]] = [
-        (areas, _staged_areas(areas)),
-        (tracks, _staged_tracks(tracks)),
-    ]
-    for plans, columns in plans_of:
-        shapes = [name for name in ("footprint", "path", "outline", "outlines") if name in columns]
+    given: list[tuple[str, Sequence[Any]]] = [(AREA, areas), (TRACK, tracks)]
+    for kind, plans in given:
+        columns = _staged(kind, plans)
+        shapes = [one.name for one in columns_of(kind, Form.OWN) if one.sql == "geometry"]
         for k, one in enumerate(plans):
-            kind = AREA if isinstance(one, Area) else TRACK
             row: dict[str, Any] = {"key": one.key, "properties": dict(one.properties)}
             row |= {column.name: getattr(one, column.field) for column in columns_of(kind, *_PLAIN, Form.NUMBER)}
             for name in shapes:
@@ -249,10 +257,8 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
             **plain,
             "start_us": None if start[i] == MINUS_INFINITY_US else start[i],
             "end_us": None if end[i] == INFINITY_US else end[i],
-            "properties": _properties(strings["properties"][i]),
-            **_activations("spans_us", strings["activations"][i]),
         }
-        for i, plain in enumerate(_plain(AREA, columns, strings))
+        for i, plain in enumerate(_fields(AREA, columns, strings))
     ]
     made = many.areas(keys, footprints, members)
     for i, own in enumerate(members):
@@ -270,22 +276,12 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)
     keys = [one.decode() for one in strings["key"]]
-    members: list[dict[str, Any]] = []
-    alone = []
-    for i, plain in enumerate(_plain(TRACK, columns, strings)):
-        own = {
-            **plain,
-            "properties": _properties(strings["properties"][i]),
-            **_activations("departures_us", strings["departures"][i]),
-        }
-        for name, unbounded in (("floors_m", -np.inf), ("ceilings_m", np.inf)):
-            if strings[name][i]:
-                own[name] = decode_heights(strings[name][i], unbounded)
+    members, alone = list(_fields(TRACK, columns, strings)), []
+    for i, own in enumerate(members):
         if change[i] < change[i + 1]:
             own["outlines_m"] = changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2)
         if strings["schedule"][i] or "outlines_m" in own:
             alone.append(i)
-        members.append(own)
     made = many.tracks(keys, positions, way, times, outline, ring, members)
     for i in sorted({*alone, *(i for i, one in enumerate(made) if one is None)}):
         own = members[i]
@@ -301,25 +297,33 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
     return cast("list[Track]", made)
 
 
-def _properties(sent: bytes) -> dict[str, Any]:
-    found: dict[str, Any] = {} if sent == b"{}" else json.loads(sent)
-    return found
-
-
-def _plain(
+def _fields(
     kind: str, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]
 ) -> Iterator[dict[str, Any]]:
-    """Return the plain columns of each row as fields of `Area` or `Track`, without those that it does not have."""
-    given = tuple(columns_of(kind, *_PLAIN, Form.NUMBER))
+    """Yield the columns of each row that have values of their own as fields of `Area` or `Track`, but absent ones."""
+    given = [one for one in columns_of(kind) if _is_of_row(one)]
     names, absent = [one.field for one in given], [one.absent for one in given]
     for row in zip(*(values_of_rows(one, columns, strings) for one in given), strict=True):
-        yield {name: own for name, own, none in zip(names, row, absent, strict=True) if own is not none and own != none}
+        yield {
+            name: own
+            for name, own, none in zip(names, row, absent, strict=True)
+            if own is not None and (none is None or own != none)
+        }
+
+
+def _is_of_row(column: PlanColumn) -> bool:
+    """Return whether each row has its value, in one column."""
+    own = _OWN.get(column.name)
+    return column.form is not Form.OWN or column.sql == "jsonb" or (own is not None and own.decode is not None)
 
 
 def values_of_rows(
     column: PlanColumn, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]
 ) -> list[Any]:
-    """Return the values of a plain column in rows of `_read_areas` or `_read_tracks`."""
+    """Return the values of a column in rows of `_read_areas` or `_read_tracks`, one for each row; None for none."""
+    own = _OWN.get(column.name)
+    if own is not None and own.decode is not None:
+        return [own.decode(sent) if sent else None for sent in strings[column.name]]
     if column.form is Form.NUMBER:
         return [column.absent if math.isnan(value) else value for value in columns[column.name].tolist()]
     if column.form is Form.WORD:
@@ -331,14 +335,8 @@ def _certain(at_us: int) -> np.datetime64 | None:
     return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else certain(at_us)
 
 
-def _activations(name: str, sent: bytes) -> dict[str, Any]:
-    """Return the activations of an object as a member."""
-    if not sent:
-        return {}
-    at_us = decode_instants(sent)
-    if name == "spans_us":
-        return {name: [[_certain(one) for one in pair] for pair in at_us.reshape(-1, 2).tolist()]}
-    return {name: all_certain(at_us)}
+def _decoded_spans(sent: bytes) -> Any:
+    return [[_certain(one) for one in pair] for pair in decode_instants(sent).reshape(-1, 2).tolist()]
 
 
 def decode_instants(sent: bytes) -> NDArray[np.int64]:
@@ -414,22 +412,30 @@ def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
     return bytes(shapely.to_wkb(shapely.multipolygons(rings), byte_order=1))
 
 
-def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
-    outer = outer_spans(areas)
-    # A detection expands schedules.
-    spans = [None if area.schedule is not None else area.spans_us for area in areas]
-    return {
-        "key": _texts("area", [a.key for a in areas], [a.key for a in areas], "id"),
-        "footprint": copy_binary.Ragged.of(shapely.to_wkb([area.footprint for area in areas], byte_order=1).tolist()),
-        "span_start": copy_binary.instants(outer[:, 0]),
-        "span_end": copy_binary.instants(outer[:, 1]),
-        "properties": _documents("area", [a.key for a in areas], [a.properties for a in areas]),
-        "activations": _multispans(spans),
-        **_staged(AREA, areas),
-    }
+def _staged(kind: str, plans: Sequence[Any]) -> dict[str, copy_binary.Column]:
+    keys = [one.key for one in plans]
+    found: dict[str, copy_binary.Column] = {"key": _texts(kind, keys, keys, "id")}
+    if kind == AREA:
+        found["span_start"], found["span_end"] = (copy_binary.instants(ends) for ends in outer_spans(plans).T)
+    for column in columns_of(kind):
+        values = [getattr(one, column.field) for one in plans]
+        if column.name in _OWN:
+            found[column.name] = _OWN[column.name].encode(plans)
+        elif column.form is Form.NUMBER:
+            found[column.name] = copy_binary.fixed([np.nan if value is None else value for value in values], "f8")
+        elif column.sql == "jsonb":
+            documents = _documents(kind, keys, [value or {} for value in values], column.members[0])
+            found[column.name] = documents.but_null(np.array([value is None for value in values], np.bool_))
+        elif column.form is not Form.OWN:
+            found[column.name] = _texts(kind, keys, values, column.members[0])
+    return found
 
 
-def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
+def _footprints(areas: Sequence[Area]) -> copy_binary.Column:
+    return copy_binary.Ragged.of(shapely.to_wkb([area.footprint for area in areas], byte_order=1).tolist())
+
+
+def _paths(tracks: Sequence[Track]) -> copy_binary.Column:
     batch = TrackBatch.of(tracks, once=True)
     seconds = batch.times_us / 1e6
     lost = np.flatnonzero(np.rint(seconds * 1e6).astype(np.int64) != batch.times_us)
@@ -441,36 +447,21 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
             "cannot be kept to the microsecond: before November 1833 and after February 2106 it must be a whole second "
             "(give `times`, not a speed)",
         )
-    outline, ring = copy_binary.closed_rings(batch.outline_m, batch.outline_offset)
-    keys = [t.key for t in tracks]
-    return {
-        "key": _texts("track", keys, keys, "id"),
-        "path": copy_binary.lines_m(
-            np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset
-        ),
-        "outline": copy_binary.polygons(outline, ring, 0),
-        "floors_m": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
-        "ceilings_m": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
-        "properties": _documents("track", keys, [t.properties for t in tracks]),
-        "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
-        "departures": _instants([None if t.schedule is not None else t.departures_us for t in tracks]),
-        **_staged(TRACK, tracks),
-    }
+    return copy_binary.lines_m(np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset)
 
 
-def _staged(kind: str, plans: Sequence[Area | Track]) -> dict[str, copy_binary.Column]:
-    keys = [one.key for one in plans]
-    found: dict[str, copy_binary.Column] = {}
-    for column in columns_of(kind, *_PLAIN, Form.NUMBER):
-        values = [getattr(one, column.field) for one in plans]
-        if column.form is Form.NUMBER:
-            found[column.name] = copy_binary.fixed([np.nan if value is None else value for value in values], "f8")
-        elif column.form is Form.DOCUMENT:
-            documents = _documents(kind, keys, [value or {} for value in values], column.members[0])
-            found[column.name] = documents.but_null(np.array([value is None for value in values], np.bool_))
-        else:
-            found[column.name] = _texts(kind, keys, values, column.members[0])
-    return found
+def _havens(tracks: Sequence[Track]) -> copy_binary.Column:
+    rings = stacked([track.outline_m for track in tracks]), offsets([len(track.outline_m) for track in tracks])
+    return copy_binary.polygons(*copy_binary.closed_rings(*rings), 0)
+
+
+def _each(field: str, encode: Callable[[Any], bytes | None]) -> _Encoder:
+    return lambda plans: copy_binary.Ragged.of([encode(getattr(one, field)) for one in plans])
+
+
+def _unless_scheduled(field: str, encode: Callable[[Sequence[Any]], copy_binary.Column]) -> _Encoder:
+    """Return an encoder of activations: detections expand schedules."""
+    return lambda plans: encode([None if one.schedule is not None else getattr(one, field) for one in plans])
 
 
 def _multispans(spans: Sequence[Spans | None]) -> copy_binary.Ragged:
@@ -490,6 +481,21 @@ def _instants(lists: Sequence[tuple[int, ...] | None]) -> copy_binary.Ragged:
     at_us = np.array([at for one in lists for at in one or ()], np.int64)
     arrays = copy_binary.arrays(copy_binary.instants(at_us), offsets([len(one or ()) for one in lists]), "timestamptz")
     return copy_binary.Ragged(arrays.data, arrays.offset, None).but_null(np.array([one is None for one in lists], bool))
+
+
+# Columns of the form OWN but spans and properties.
+_OWN: Final = {
+    "footprint": _Codec(_footprints),
+    "path": _Codec(_paths),
+    "outline": _Codec(_havens),
+    "outlines": _Codec(_each("outlines_m", _encoded_outlines)),
+    "floors_m": _Codec(_each("floors_m", _encoded_heights), partial(decode_heights, unbounded=-np.inf)),
+    "ceilings_m": _Codec(_each("ceilings_m", _encoded_heights), partial(decode_heights, unbounded=np.inf)),
+    "activations": _Codec(_unless_scheduled("spans_us", _multispans), _decoded_spans),
+    "departures": _Codec(
+        _unless_scheduled("departures_us", _instants), lambda sent: all_certain(decode_instants(sent))
+    ),
+}
 
 
 def _texts(kind: str, keys: Sequence[str], texts: Sequence[str | None], field: str) -> copy_binary.Ragged:
