@@ -64,13 +64,14 @@ def used(dsn: str, memory_mb: int) -> list[Row]:
         conn, scene = db.connection, db.scene(NAME)
         rows = [timed(conn, "detect", lambda: scene.detect(memory_mb=memory_mb)) | {"client_mb": peak_mb()}]
         query = (
-            "SELECT t.key FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %s LIMIT 1"
+            "SELECT t.track_id, t.key FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id) "
+            "WHERE s.name = %s LIMIT 1"
         )
-        [(key,)] = conn.execute(query, [NAME]).fetchall()
+        [(number, key)] = conn.execute(query, [NAME]).fetchall()
         conn.rollback()
 
         def change() -> None:
-            conn.execute("UPDATE conflictdb.track SET floor_m = floor_m - 1 WHERE key = %s", [key])
+            conn.execute("UPDATE conflictdb.track SET floor_m = floor_m - 1 WHERE track_id = %s", [number])
             conn.commit()
             scene.detect()
 

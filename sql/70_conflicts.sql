@@ -276,6 +276,14 @@ BEGIN ATOMIC
     WHERE c.scene = p_scene AND _scene_or_branch(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
       AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
       AND (p_key IS NULL OR _check_key(p_scene, p_key) AND p_key IN (c.a_key, c.b_key))
+      -- Conflicts of one object are looked up by their numbers: the planner does not know that a conflict has one of
+      -- the scenes, and would read the indexes of keys, which begin with the scene, in full.
+      AND (p_key IS NULL OR c.conflict_id = ANY (ARRAY(
+              SELECT o.conflict_id FROM conflict o
+              WHERE o.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[]) AND o.a_key = p_key
+              UNION ALL
+              SELECT o.conflict_id FROM conflict o
+              WHERE o.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[]) AND o.b_key = p_key)))
       AND (num_nulls(p_from, p_to) = 2 OR c.periods && tstzrange(p_from, p_to))
       AND (p_since IS NULL OR greatest(c.found_at, c.changed_at) >= p_since)
       AND (p_verdict IS NULL OR c.verdict = p_verdict)

@@ -429,6 +429,31 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     assert max(most_read(plan), worst_waste(plan)) < 100
 
 
+@pytest.mark.parametrize("key", ["A777", "T777"])
+def test_the_list_of_one_object_reads_no_index_in_full(with_many: Conn, key: str) -> None:
+    """`conflicts --of`, `Scene.conflicts(key=…)`: they read 286 blocks of 33,648 conflicts, and more of more."""
+    with_many.rollback()
+    with_many.execute(
+        {
+            "A777": "SELECT conflictdb.put_area('many', 'A777', 'SRID=4326;MULTIPOLYGON(((0 0, 1 0, 1 1, 0 0)))')",
+            "T777": "SELECT conflictdb.put_track('many', 'T777', 'SRID=4326;LINESTRING M (-1 50.5 1772323200, 2 50.5 "
+            "1772409600)', conflictdb.rectangle_outline(9, 9, 9, 9))",
+        }[key].encode()
+    )
+    read = """SELECT sum(pg_stat_get_xact_blocks_fetched(indexrelid)) FROM pg_index
+              WHERE indrelid = 'conflictdb.conflict'::regclass"""
+    before = with_many.execute(read).fetchall()
+    found = with_many.execute(
+        "SELECT a_key, b_key FROM conflictdb_internal._conflicts('many', NULL, false, NULL, %s, NULL, NULL, NULL, "
+        "NULL, NULL, NULL)",
+        [key],
+    ).fetchall()
+    assert found == [("A777", "T777")]
+    after = with_many.execute(read).fetchall()
+    with_many.rollback()
+    assert after[0][0] - before[0][0] < 30
+
+
 def test_pruning_reads_what_is_old_and_compares_no_run_with_all_events(conn: Conn, plans: list[dict[str, Any]]) -> None:
     """A history of 3.6 million events was not pruned within five minutes: each run was looked up among all of them."""
     load(conn, Scene("s"), grid(), [])
