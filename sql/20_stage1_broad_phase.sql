@@ -321,14 +321,9 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 'of the same two objects are in one chunk. Arrays without nulls (array_send): ids of the rows, numbers of pieces in '
 'them, and rank of the pair of objects (number of pairs before it). Raises ZC013 in READ COMMITTED.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
-    p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
-    OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
-    OUT span_starts bytea, OUT span_ends bytea,
-    /* piece numbers: OUT NAMEs bytea, */
-    OUT class_numbers bytea, OUT owner_numbers bytea,
-    /* end */
-    OUT marks bytea, OUT with_numbers bytea
+CREATE OR REPLACE FUNCTION conflictdb_internal._joined_in_memory(
+    p_scene_id bigint, p_most bigint, OUT rows bigint, OUT is_all boolean, OUT is_any boolean,
+    OUT with_numbers bigint[]
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
 DECLARE
@@ -336,64 +331,75 @@ DECLARE
     c_rows_for_object CONSTANT bigint := 15;
     -- The bits of a mark.
     c_most_numbers CONSTANT integer := 62;
-    v_is_all boolean := _is_all_dirty(p_scene_id);
-    v_rows bigint := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n);
-    v_is_asked boolean := v_rows <= p_most AND v_is_all;
-    v_with bigint[] := '{}';
-    -- Whether all rows may be in a pair.
-    v_is_any boolean := true;
+    v_is_asked boolean;
 BEGIN
     PERFORM _require_snapshot();
-    IF NOT v_is_all AND v_rows <= p_most AND _parent_of(p_scene_id) IS NULL THEN
+    rows := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n);
+    is_all := rows <= p_most AND _is_all_dirty(p_scene_id);
+    is_any := true;
+    with_numbers := '{}';
+    v_is_asked := is_all;
+    IF NOT is_all AND rows <= p_most AND _parent_of(p_scene_id) IS NULL THEN
         SELECT coalesce(array_agg(DISTINCT c.with_number) FILTER (WHERE c.with_number IS NOT NULL), '{}'),
                coalesce(bool_or(c.with_number IS NULL), false),
-               count(DISTINCT _object_number(c.object_kind, c.object_id)) * c_rows_for_object >= v_rows
-            INTO v_with, v_is_any, v_is_asked
+               count(DISTINCT _object_number(c.object_kind, c.object_id)) * c_rows_for_object >= rows
+            INTO with_numbers, is_any, v_is_asked
             FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
-        v_is_asked := v_is_asked AND cardinality(v_with) <= c_most_numbers;
+        v_is_asked := v_is_asked AND cardinality(with_numbers) <= c_most_numbers;
     END IF;
-    WITH marked AS (
-        SELECT c.object_kind, c.object_id,
-               bit_or(1::bigint << coalesce(array_position(v_with, c.with_number), 0)) AS marks
-        FROM change c WHERE v_is_asked AND NOT v_is_all AND c.scene_id = p_scene_id AND c.is_covered
-        GROUP BY c.object_kind, c.object_id
-    )
-    SELECT array_send(coalesce(array_agg(r.piece_id), '{}')), array_send(coalesce(array_agg(r.pieces), '{}')),
-           array_send(coalesce(array_agg(r.object), '{}')), array_send(coalesce(array_agg(r.turn), '{}')),
-           array_send(coalesce(array_agg(ST_XMin(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMin(r.box)), '{}')),
-           array_send(coalesce(array_agg(ST_XMax(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMax(r.box)), '{}')),
-           array_send(coalesce(array_agg(r.floor_m), '{}')), array_send(coalesce(array_agg(r.ceiling_m), '{}')),
-           array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}')),
-           /* piece numbers: array_send(coalesce(array_agg(r.NAME), '{}')), */
-           array_send(coalesce(array_agg(r.class_number), '{}')), array_send(coalesce(array_agg(r.owner_number), '{}')),
-           /* end */
-           array_send(coalesce(array_agg(r.marks), '{}')), array_send(v_with)
-        INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
-             span_ends,
-             /* piece numbers: NAMEs, */
-             class_numbers, owner_numbers,
-             /* end */
-             marks, with_numbers
-        -- OFFSET 0: compute each box once.
-        FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
-                     p.hull::box3d AS box, p.floor_m, p.ceiling_m,
-                     /* piece numbers: p.NAME, */
-                     p.class_number, p.owner_number,
-                     /* end */
-                     coalesce(lower(p.span), '-infinity') AS span_start,
-                     coalesce(upper(p.span), 'infinity') AS span_end,
-                     CASE WHEN v_is_all THEN 1 ELSE coalesce(m.marks, 0) END AS marks
-              FROM piece p
-              LEFT JOIN marked m ON m.object_kind = p.object_kind AND m.object_id = p.object_id
-              WHERE v_is_asked AND p.scene_id = p_scene_id AND NOT isempty(p.span)
-                AND (v_is_any OR m.marks IS NOT NULL OR _is_with(p.object_kind, p.class_number, v_with)) OFFSET 0) r;
+    IF NOT v_is_asked THEN
+        rows := 0;
+    END IF;
 END
 $$;
-COMMENT ON FUNCTION _row_boxes(bigint, bigint) IS
+COMMENT ON FUNCTION _joined_in_memory(bigint, bigint) IS
+'How to join the rows of pieces of a scene in memory. rows: at most as many are to be joined; 0 if few objects are '
+'dirty, for a branch, or if the scene has more than p_most rows. The others are parameters of _row_boxes. Raises ZC013 '
+'in READ COMMITTED.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
+    p_scene_id bigint, p_is_all boolean, p_is_any boolean, p_with bigint[]
+) RETURNS TABLE (
+    piece_id bigint, pieces integer, object bigint, turn smallint, low_x double precision, low_y double precision,
+    high_x double precision, high_y double precision, floor_m double precision, ceiling_m double precision,
+    span_start timestamptz, span_end timestamptz,
+    /* piece numbers: NAME TYPE, */
+    class_number bigint, owner_number bigint,
+    /* end */
+    marks bigint
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    WITH marked AS (
+        SELECT c.object_kind, c.object_id,
+               bit_or(1::bigint << coalesce(array_position(p_with, c.with_number), 0)) AS marks
+        FROM change c WHERE NOT p_is_all AND c.scene_id = p_scene_id AND c.is_covered
+        GROUP BY c.object_kind, c.object_id
+    )
+    SELECT r.piece_id, r.pieces, r.object, r.turn, ST_XMin(r.box), ST_YMin(r.box), ST_XMax(r.box), ST_YMax(r.box),
+           r.floor_m, r.ceiling_m, r.span_start, r.span_end,
+           /* piece numbers: r.NAME, */
+           r.class_number, r.owner_number,
+           /* end */
+           r.marks
+    -- OFFSET 0: compute each box once.
+    FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
+                 p.hull::box3d AS box, p.floor_m, p.ceiling_m,
+                 /* piece numbers: p.NAME, */
+                 p.class_number, p.owner_number,
+                 /* end */
+                 coalesce(lower(p.span), '-infinity') AS span_start,
+                 coalesce(upper(p.span), 'infinity') AS span_end,
+                 CASE WHEN p_is_all THEN 1 ELSE coalesce(m.marks, 0) END AS marks
+          FROM piece p
+          LEFT JOIN marked m ON m.object_kind = p.object_kind AND m.object_id = p.object_id
+          WHERE p.scene_id = p_scene_id AND NOT isempty(p.span)
+            AND (p_is_any OR m.marks IS NOT NULL OR _is_with(p.object_kind, p.class_number, p_with)) OFFSET 0) r;
+END;
+COMMENT ON FUNCTION _row_boxes(bigint, boolean, boolean, bigint[]) IS
 'Bounding boxes of the rows of pieces of a scene that may be in a pair that marks concern, for joining them in memory '
-'as _candidates does: each column an array without nulls (array_send), metres of the plane. marks: bit 0 for all pairs '
-'of the object, bit n for its pairs with the nth of with_numbers (_is_with). Empty if few objects are dirty, for a '
-'branch, or if the scene has more than p_most rows. Raises ZC013 in READ COMMITTED.';
+'as _candidates does: for COPY, no nulls, metres of the plane. marks: bit 0 for all pairs of the object, bit n for '
+'its pairs with the nth of p_with (_is_with). p_is_all: all objects have marks for all pairs; p_is_any: some have.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,

@@ -25,6 +25,7 @@ from typing import Any, Final, TypeAlias
 import psycopg
 
 from conflictdb import store
+from conflictdb.arrays.gathered import GatheredBundles
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles
 from conflictdb.core.funnel import Funnel, Progress
@@ -371,34 +372,39 @@ def refresh_pieces(
     settings = store.read_settings(conn, scene_id)
     setup = Setup.of(settings)
     pieces = _changed_pieces(conn, scene_id, pending, setup, memory, phase)
-    held, hand = deque[Bundles](), None
+    gathered: GatheredBundles | None = None
+    hand = None
     if is_first:
         room, objects = memory.hand_bytes, 0
         for count, some in pieces:
-            held.append(some)
+            if gathered is None:
+                gathered = GatheredBundles(some)
+            else:
+                gathered.add(some)
             objects += count
             room -= some.pieces.nbytes
+            del some
             if room < 0:
                 break
         else:
-            hand = _in_hand(conn, scene_id, held, objects)
+            hand = _in_hand(conn, scene_id, gathered, objects)
     if hand is None:
         # Each chunk is freed once it is sent.
-        chunks = chain((held.popleft() for _ in range(len(held))), (some for _, some in pieces))
+        before = deque([] if gathered is None else [gathered.bundles()])
+        del gathered
+        chunks = chain((before.popleft() for _ in range(len(before))), (some for _, some in pieces))
         store.replace_pieces(conn, scene_id, chunks, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
     record = replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
     return setup, record, hand
 
 
-def _in_hand(conn: psycopg.Connection[Any], scene_id: int, held: deque[Bundles], objects: int) -> Hand | None:
-    """Take the pieces of changed objects and return them, if these are all objects of the scene; else return None."""
-    order = store.order_of_all(conn, scene_id, objects) if held else None
-    if order is None:
-        return None
-    bundles = Bundles.concatenate(held)
-    held.clear()
-    return Hand.of(bundles, order)
+def _in_hand(
+    conn: psycopg.Connection[Any], scene_id: int, gathered: GatheredBundles | None, objects: int
+) -> Hand | None:
+    """Return the pieces of changed objects, if these are all objects of the scene; else return None."""
+    order = None if gathered is None else store.order_of_all(conn, scene_id, objects)
+    return None if gathered is None or order is None else Hand.of(gathered.bundles(), order)
 
 
 def _changed_pieces(
@@ -416,22 +422,25 @@ def _changed_pieces(
     for kind in (kind for kind, count in ((Kind.AREA, pending.areas), (Kind.TRACK, pending.tracks)) if count):
         most, last = _FIRST_OBJECTS, -(2**63)
         while True:
+            bundles = None  # free before the next batch is read
             if kind is Kind.AREA:
-                areas = store.changed_areas(conn, scene_id, last, most)
-                numbers, objects = areas.area_id, (areas, no_tracks)
+                objects = store.changed_areas(conn, scene_id, last, most), no_tracks
+                numbers = objects[0].area_id
             else:
-                tracks = store.changed_tracks(conn, scene_id, last, most)
-                numbers, objects = tracks.track_id, (no_areas, tracks)
+                objects = no_areas, store.changed_tracks(conn, scene_id, last, most)
+                numbers = objects[1].track_id
             if len(numbers):
                 pieces = pieces_of(setup, *objects)
-                yield len(numbers), bundles_of(pieces)
+                count, bundles = len(pieces), bundles_of(pieces)
+                del objects, pieces
+                yield len(numbers), bundles
                 done += len(numbers)
                 phase("preparing objects", done, 0)
             if len(numbers) < most:
                 break
             last = int(numbers[-1])
             # Next batch size, extrapolated from this one.
-            most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
+            most = max(1, min(4 * most, most * memory.pieces_at_once // max(count, 1)))
     phase("indexing", 0, 0)
 
 

@@ -109,8 +109,9 @@ class InHand(Stored):
             first = bundles.offset[:-1][ids]
             kinds, classes = bundles.pieces.kind[first], bundles.pieces.class_number[first]
             boxes = replace(boxes, type=self._separations.types(kinds, classes))
-        for found in joined(ids, np.diff(bundles.offset)[ids], boxes, memory.pairs, within_us, self._compared):
-            for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs, within_us):
+        at_once = memory.row_pairs(len(ids))
+        for found in joined(ids, np.diff(bundles.offset)[ids], boxes, at_once, within_us, self._compared):
+            for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us):
                 yield chunk._replace(share=found.share)
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:

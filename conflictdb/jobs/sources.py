@@ -5,7 +5,7 @@ them through its index. If few pieces are involved, it also runs stage 2.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -67,41 +67,34 @@ class Stored:
         It returns them if many objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
         within_us = question.within_us
-        ids, pieces, boxes, classes, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
-        if not len(ids):
+        rows = store.boxes(self._conn, self.scene_id, self._memory.boxes)
+        if not len(rows):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
                 for chunk in pairs_of_rows(found, self._read, self._memory, within_us):
                     yield chunk._replace(share=None)
             return
+        ids, pieces, boxes, marks = rows.ids, rows.pieces, rows.boxes, rows.marks
         memory = self._memory.beside(len(ids))
         if self._separations is not None:
-            boxes = replace(boxes, type=self._separations.types(kinds_and_ids(boxes.object)[0], classes))
-        joined_rows = self._marked(ids, joined(ids, pieces, boxes, memory.pairs, within_us, self._compared), marks)
-        if pieces.sum() > memory.pieces or not marks.are_all():
-            for found in joined_rows:
+            boxes = replace(boxes, type=self._separations.types(kinds_and_ids(boxes.object)[0], rows.class_number))
+        del rows
+        is_in_parts = marks is not None or pieces.sum() > memory.pieces
+        bundles, place = (None, None) if is_in_parts else self._read(ids)
+        at_once = memory.row_pairs(len(ids))
+        joined_rows = joined(ids, pieces, boxes, at_once, within_us, self._compared, marks)
+        del ids, pieces, boxes, marks
+        for found in joined_rows:
+            if bundles is None or place is None:
                 for chunk in pairs_of_rows(found, self._read, memory, within_us):
                     yield chunk._replace(share=found.share)
-            return
-        bundles, place = self._read(ids)
-        for found in joined_rows:
-            for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs, within_us):
-                yield chunk._replace(share=found.share)
+            else:
+                for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us):
+                    yield chunk._replace(share=found.share)
 
     @property
     def _compared(self) -> NDArray[np.bool_] | None:
         """Whether objects of two types are compared (`may_meet`)."""
         return None if self._separations is None else self._separations.of_types != NEVER
-
-    @staticmethod
-    def _marked(
-        ids: NDArray[np.int64], joined_rows: Iterator[store.Candidates], marks: store.Marks
-    ) -> Iterator[store.Candidates]:
-        """Yield joined rows without pairs that no mark concerns."""
-        by_id = np.argsort(ids)
-        for found in joined_rows:
-            keep = marks.are_dirty(*(by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b)))
-            if keep.any():
-                yield found if keep.all() else found.take(np.flatnonzero(keep))
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         found = store.bundles(self._conn, self.scene_id, ids)
@@ -217,28 +210,45 @@ class StoredWithPlan(Stored):
 
 def joined(
     ids: NDArray[np.int64],
-    pieces: NDArray[np.int64],
+    pieces: NDArray[np.integer[Any]],
     boxes: RowBoxes,
     at_once: int,
     within_us: int = 0,
     compared: NDArray[np.bool_] | None = None,
+    marks: store.Marks | None = None,
 ) -> Iterator[store.Candidates]:
-    """Yield the result of `store.candidates` for rows of pieces, joined here."""
+    """Yield the result of `store.candidates` for rows of pieces, joined here.
+
+    The arrays of the rows are sorted in place, as a million of them are not to be in memory twice.
+
+    marks : of the rows; None: all pairs are marked
+    """
     order = near_order(boxes)
-    ids, pieces, boxes = ids[order], pieces[order], boxes.take(order)
+    columns = [ids, pieces, *(column for one in fields(boxes) if (column := getattr(boxes, one.name)) is not None)]
+    for column in columns:
+        column[:] = column[order]
+    if marks is not None:
+        marks = marks.take(order)
+    del order, columns
     # Order by the place of the first object, so that pairs of a chunk share pieces.
     _, first, number = np.unique(boxes.object, return_index=True, return_inverse=True)
     place = np.empty(len(first), np.int64)
     place[np.argsort(first)] = np.arange(len(first))
+    place_of_row, objects_count = place[number], len(place)
+    del first, number, place
     found: store.Candidates | None = None
-    for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once, within_us, compared):
+    for a, b, _ in box_pairs(boxes, np.argsort(place_of_row, kind="stable"), at_once, within_us, compared):
+        share = float(place_of_row[a].max() + 1) / objects_count
+        if marks is not None:
+            dirty = marks.are_dirty(a, b)
+            a, b = a[dirty], b[dirty]
+        if not len(a):
+            continue
         if found is not None:
             yield found
-        first_place = place[number[a]]
-        objects = first_place * len(place) + number[b]
+        objects = place_of_row[a] * objects_count + place_of_row[b]
         together = np.argsort(objects, kind="stable")
         a, b = a[together], b[together]
-        share = float(first_place.max() + 1) / len(place)
         found = store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together], share)
     if found is not None:
         # Further objects may have no pairs.
@@ -249,7 +259,7 @@ def pairs_of_rows(found: store.Candidates, read: Read, memory: MemoryBudget, wit
     """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
     for some in _readable(found, memory.pieces):
         bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
-        yield from pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs, within_us)
+        yield from pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs_at_once, within_us)
 
 
 def pairs_of_parts(

@@ -52,7 +52,7 @@ class RowBoxes:
         number = numbers_of(pieces.kind, pieces.object_id)
         return cls(boxes, *heights, *times, number, pieces.turn != 0, pieces.end_inclusive, pieces.numbers)
 
-    def take(self, rows: NDArray[np.int64]) -> Self:
+    def take(self, rows: NDArray[np.int64] | slice) -> Self:
         """Return some of the rows."""
         columns: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         return replace(self, **{name: column[rows] for name, column in columns.items() if column is not None})

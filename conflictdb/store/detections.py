@@ -39,7 +39,7 @@ from conflictdb.store.stored_objects import (
 )
 
 # Pieces encoded at once: some megabytes, and many per COPY.
-_PIECES_SENT: Final = 20_000
+_PIECES_SENT: Final = 8_192
 # The columns of _area_row and _track_row, besides strings.
 AREA_ROW: Final = [*AREA_COLUMNS, *((f"{one.name}_number", "i8") for one in NUMBERED[Kind.AREA])]
 TRACK_ROW: Final = [*TRACK_COLUMNS, *((f"{one.name}_number", "i8") for one in NUMBERED[Kind.TRACK])]

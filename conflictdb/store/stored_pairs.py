@@ -18,18 +18,17 @@ from conflictdb.arrays.pieces import Bundles
 from conflictdb.kernel.boxes import RowBoxes
 from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary
-from conflictdb.store.connection import call_each
+from conflictdb.store.connection import call, call_each
 from conflictdb.store.stored_bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 
-# Rows and pairs that fit one answer, limited by the 1 GB of a value. A row's box takes 134 bytes, a pair 52, with room
-# for all pairs of the last two objects.
-_ROWS_THAT_FIT: Final = 7_000_000
+# Pairs that fit one answer, limited by the 1 GB of a value. A pair takes 52 bytes, with room for all pairs of the last
+# two objects.
 _PAIRS_THAT_FIT: Final = 10_000_000
-# The columns of _row_boxes, which returns each as an array.
+# The columns of _row_boxes.
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
     ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
-    *((name, "i8") for name in IN_PIECES), ("marks", "i8"), ("with_number", "i8"),
+    *((name, "i8") for name in IN_PIECES), ("marks", "i8"),
 ]  # fmt: skip
 
 
@@ -90,41 +89,90 @@ class Marks:
     marked: NDArray[np.int64]
     concerned: NDArray[np.int64]
 
-    def are_all(self) -> bool:
-        """Return whether all pairs of rows are marked."""
-        return bool((self.marked & 1).all())
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """Return the marks of some of the rows."""
+        return type(self)(self.marked[rows], self.concerned[rows])
 
     def are_dirty(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (m,) whether marks of either row concern a pair."""
         return ((self.marked[a] & self.concerned[b]) | (self.marked[b] & self.concerned[a])) != 0
 
 
-def boxes(
-    conn: psycopg.Connection[Any], scene_id: int, most: int, *, fit: int = _ROWS_THAT_FIT
-) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, NDArray[np.int64], Marks]:
-    """Return ids, numbers of pieces, boxes, classes and marks of all rows that may be in a marked pair.
+@dataclass(frozen=True, slots=True)
+class JoinedRows:
+    """The n rows of pieces that may be in a marked pair.
 
-    Returns no rows if few objects changed, or the scene has more rows than `most` or `fit`. Raises StoreError outside
-    of a snapshot.
+    ids : (n,) int64
+    pieces : (n,) int32, numbers of pieces in each row
+    boxes : without types
+    marks : None if all pairs are marked
     """
-    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, fit)], _BOX_COLUMNS)
+
+    ids: NDArray[np.int64]
+    pieces: NDArray[np.int32]
+    boxes: RowBoxes
+    marks: Marks | None
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def class_number(self) -> NDArray[np.int64]:
+        """Return the classes (n,) of the objects."""
+        assert self.boxes.numbers is not None  # noqa: S101
+        return self.boxes.numbers[:, CLASS]
+
+
+def boxes(conn: psycopg.Connection[Any], scene_id: int, most: int) -> JoinedRows:
+    """Return the rows of a scene that may be in a marked pair, to be joined in memory.
+
+    Returns no rows if few objects changed, or the scene has more rows than `most`. Rows are decoded as they arrive, so
+    memory is that of the result. Raises StoreError outside of a snapshot.
+    """
+    rows, is_all, is_any, with_numbers = call(conn, "_joined_in_memory", scene_id, most)
+    ids, pieces = np.empty(rows, np.int64), np.empty(rows, np.int32)
+    corners, numbers = np.empty((rows, 4)), np.empty((rows, len(IN_PIECES)), np.int64)
+    marked = np.empty(0 if is_all else rows, np.int64)
     found = RowBoxes(
-        boxes=np.stack([rows.pop(name) for name in ("low_x", "low_y", "high_x", "high_y")], axis=1),
-        floor_m=rows["floor_m"],
-        ceiling_m=rows["ceiling_m"],
-        start_us=copy_binary.microseconds(rows["start"]),
-        end_us=copy_binary.microseconds(rows["end"]),
-        object=rows["object"],
-        is_copy=rows["turn"] != 0,
-        numbers=np.stack([rows.pop(name) for name in IN_PIECES], axis=1),
+        boxes=corners,
+        floor_m=np.empty(rows),
+        ceiling_m=np.empty(rows),
+        start_us=np.empty(rows, np.int64),
+        end_us=np.empty(rows, np.int64),
+        object=np.empty(rows, np.int64),
+        is_copy=np.empty(rows, np.bool_),
+        numbers=numbers,
     )
-    assert found.numbers is not None  # noqa: S101
-    classes = found.numbers[:, CLASS]
-    of_kind = numbers_of_words(KINDS)[kinds_and_ids(found.object)[0]]
-    concerned = np.ones(len(found), np.int64)
-    for bit, number in enumerate(rows["with_number"].tolist(), 1):
-        concerned |= ((classes == number) | (of_kind == number)).astype(np.int64) << bit
-    return rows["piece_id"], rows["pieces"].astype(np.int64), found, classes, Marks(rows["marks"], concerned)
+    n = 0
+    sent = copy_binary.receive_each(conn, "_row_boxes", [scene_id, is_all, is_any, with_numbers], _BOX_COLUMNS)
+    for part, _ in sent if rows else ():
+        now = slice(n, n + len(part["piece_id"]))
+        ids[now], pieces[now] = part["piece_id"], part["pieces"]
+        for corner, name in enumerate(("low_x", "low_y", "high_x", "high_y")):
+            corners[now, corner] = part[name]
+        for column, name in enumerate(IN_PIECES):
+            numbers[now, column] = part[name]
+        found.floor_m[now], found.ceiling_m[now] = part["floor_m"], part["ceiling_m"]
+        found.start_us[now] = copy_binary.microseconds(part["start"])
+        found.end_us[now] = copy_binary.microseconds(part["end"])
+        found.object[now], found.is_copy[now] = part["object"], part["turn"] != 0
+        if not is_all:
+            marked[now] = part["marks"]
+        n = now.stop
+    found = found.take(slice(n))
+    marks = None if is_all else _marks(found, numbers[:n, CLASS], marked[:n], with_numbers)
+    return JoinedRows(ids[:n], pieces[:n], found, marks)
+
+
+def _marks(
+    rows: RowBoxes, class_number: NDArray[np.int64], marked: NDArray[np.int64], with_numbers: list[int]
+) -> Marks:
+    """Return the marks of rows, where bit n of `marked` (n,) is for pairs with the nth of some classes and kinds."""
+    of_kind = numbers_of_words(KINDS)[kinds_and_ids(rows.object)[0]]
+    concerned = np.ones(len(rows), np.int64)
+    for bit, number in enumerate(with_numbers, 1):
+        concerned |= ((class_number == number) | (of_kind == number)).astype(np.int64) << bit
+    return Marks(marked, concerned)
 
 
 def bundles(

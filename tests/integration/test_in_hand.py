@@ -12,6 +12,7 @@ from mixed_scenes import mixed_scene
 from scene_features import FEATURES
 
 from conflictdb import Area, Scene, Track, store
+from conflictdb.core import memory_budget
 from conflictdb.core.memory_budget import LEAST_MEMORY_MB, MemoryBudget
 from conflictdb.earth.registry import centred
 from conflictdb.errors import StoreError
@@ -205,6 +206,43 @@ def test_outdated_pieces_are_freed_before_they_are_cut_again(
     finally:
         gc.enable()
     assert freed == [True, True]
+
+
+def test_memory_is_that_of_the_pieces_in_hand_and_of_small_portions(
+    conn: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A batch of pieces is freed before the next one is cut, and no more pairs are solved at once than save time."""
+    name = load(conn, sea_of(600))
+    batches: list[weakref.ref[Any]] = []
+    chunks: list[int] = []
+    cut, pairs = detect.bundles_of, in_hand.pairs_of_bundles
+
+    def cut_and_watched(*arguments: Any) -> Any:
+        assert [one for one in batches if one() is not None] == []
+        found = cut(*arguments)
+        batches.append(weakref.ref(found.pieces.hull_xy))
+        return found
+
+    def counted(*arguments: Any) -> Any:
+        for chunk in pairs(*arguments):
+            chunks.append(len(chunk.a))
+            yield chunk
+
+    monkeypatch.setattr(detect, "bundles_of", cut_and_watched)
+    monkeypatch.setattr(in_hand, "pairs_of_bundles", counted)
+    monkeypatch.setattr(detect, "_FIRST_OBJECTS", 30)
+    monkeypatch.setattr(memory_budget, "_MOST_PIECES_AT_ONCE", 200)
+    monkeypatch.setattr(memory_budget, "_MOST_PAIRS_AT_ONCE", 300)
+    detect.detect(conn, name, jobs=1)
+    in_portions = rows(conn)
+    assert len(batches) > 4
+    assert len(chunks) > 4
+    # All pairs of two objects stay together.
+    assert max(chunks) < 600
+    monkeypatch.undo()
+    again = detect.detect(conn, name, jobs=1, full=True)
+    assert (again.opened, again.changed, again.closed) == (0, 0, 0)
+    assert rows(conn) == in_portions
 
 
 def test_a_stopped_thread_stores_no_further_block() -> None:
