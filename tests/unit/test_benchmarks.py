@@ -9,6 +9,7 @@ from pathlib import Path
 
 import growth
 import numpy as np
+import profiles
 import pyarrow.parquet as pq
 import pytest
 import quick_sea
@@ -155,6 +156,21 @@ def test_exponent_is_that_of_the_power_law() -> None:
     assert growth.exponent(rows, "total_s") == pytest.approx(1.25)
     assert math.isnan(growth.exponent(rows, "cpu_s"))
     assert "time N^1.25" in growth.growth(rows)
+
+
+def test_profile_has_the_share_and_the_limit_of_each_part() -> None:
+    """By the limits of the scene's own series; the parts of the page are those of its numbers."""
+    scene = {"series": "sea", "objects": 10, "pieces": 2_000_000, "solved_pairs": 10**6, "conflicts": 500_000}
+    scene |= {"pieces_s": 40.0, "stage1_s": 20.0, "stage2_s": 1.0, "stage3_s": 1.0, "stage4_s": 30.0, "write_s": 8.0}
+    limits = {"COPY alone": 5.0, "arithmetic alone": 10.0, "kernel alone": 2.0, "COPY, indexes, event": 16.0}
+    costs = [{"scene": "sea 7", "limit": name, "limit_us": us} for name, us in limits.items()]
+    costs += [{"scene": "box 7", "limit": name, "limit_us": 1e9} for name in limits]
+    found = profiles.parts(scene | {"cpu_s": 100.0}, costs)
+    assert [part["share"] for part in found] == [0.4, 0.2, 0.02, 0.38]
+    assert [part["limit_s"] for part in found] == [pytest.approx(30.0), None, None, pytest.approx(10.0)]
+    page = Path(__file__).parents[2] / "docs/explanation/performance.md"
+    folder = page.with_suffix("")
+    assert profiles.table(read_csv(folder / "growth.csv"), read_csv(folder / "unit-costs.csv")) in page.read_text()
 
 
 def test_numbers_come_back_from_a_file(tmp_path: Path) -> None:
