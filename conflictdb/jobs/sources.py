@@ -249,7 +249,8 @@ def joined(
         objects = place_of_row[a] * objects_count + place_of_row[b]
         together = np.argsort(objects, kind="stable")
         a, b = a[together], b[together]
-        found = store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together], share)
+        a_pieces, b_pieces = pieces[a].astype(np.int64), pieces[b].astype(np.int64)
+        found = store.Candidates(ids[a], ids[b], a_pieces, b_pieces, objects[together], share)
     if found is not None:
         # Further objects may have no pairs.
         yield replace(found, share=1.0)
