@@ -449,7 +449,11 @@ TABLE position_7 (
 
 TABLE position_look (
     is_only boolean NOT NULL,
-    seen pg_snapshot NOT NULL
+    seen pg_snapshot NOT NULL,
+    reading pg_snapshot,
+    scene_id bigint,
+    instant timestamp with time zone,
+    key text COLLATE C
 );
 
 TABLE probe_reply (
@@ -1074,6 +1078,7 @@ END));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT position_look_one ON position_look: CHECK (is_only);
+CONSTRAINT position_look_parts ON position_look: CHECK ((num_nulls(reading, scene_id, instant, key) = ANY (ARRAY[0, 4])));
 CONSTRAINT position_look_pkey ON position_look: PRIMARY KEY (is_only);
 CONSTRAINT probe_reply_kind_known ON probe_reply: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, plan_key, key);
@@ -2006,6 +2011,9 @@ FUNCTION _is_usual_footprint(p_footprint geometry, p_motion text, p_earth text, 
 FUNCTION _is_with(p_kind smallint, p_class bigint, p_numbers bigint[])
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _joined_in_memory(p_scene_id bigint, p_most bigint, OUT rows bigint, OUT is_all boolean, OUT is_any boolean, OUT with_numbers bigint[])
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2183,7 +2191,7 @@ FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_cent
 FUNCTION _need_schedules(p_scene_id bigint, p_keys text[])
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _new_positions(OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision)
+FUNCTION _new_positions(p_most integer, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
@@ -2471,8 +2479,8 @@ FUNCTION _rough_pieces(p_scene_id bigint, p_wanted_m double precision, p_area_id
 FUNCTION _rough_pieces_at(p_scene_id bigint, p_wanted_m double precision, p_kinds smallint[], p_ids bigint[], p_numbers bigint[], p_are_known boolean[], p_places geometry[], p_reaches_m double precision[], p_spans tstzmultirange[], p_floors_m double precision[], p_ceilings_m double precision[])
     RETURNS TABLE(rough piece, shape geometry, padding_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT class_numbers bytea, OUT owner_numbers bytea, OUT marks bytea, OUT with_numbers bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+FUNCTION _row_boxes(p_scene_id bigint, p_is_all boolean, p_is_any boolean, p_with bigint[])
+    RETURNS TABLE(piece_id bigint, pieces integer, object bigint, turn smallint, low_x double precision, low_y double precision, high_x double precision, high_y double precision, floor_m double precision, ceiling_m double precision, span_start timestamp with time zone, span_end timestamp with time zone, class_number bigint, owner_number bigint, marks bigint) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _rows_to_compare(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET max_parallel_workers_per_gather=0 SET enable_seqscan=off SET enable_material=off SET jit=off;
@@ -2750,7 +2758,7 @@ FUNCTION _uncut_pieces(p_scene_id bigint, p_wanted_m double precision, p_with_sc
 FUNCTION _under_way(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
     RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _unheard(p_now_us bigint, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint)
+FUNCTION _unheard(p_now_us bigint, p_step_us bigint, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _unknown_tracks(p_scene text, p_keys text[])

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e7444a2a9ac086e91e5d7cfcf7c5441c6c092bb9bf37690466f251764b5a3a4c"
+routines_sha256 = "04a807c3266b16624fed2d1653ed0ab635b88d07e419402428859f3170804d30"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

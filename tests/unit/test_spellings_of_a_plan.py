@@ -51,7 +51,6 @@ PUBLIC: Final = {
 # Of the same names, but of pieces, which the rule of a pair reads, or of former releases.
 NOT_PLANS: Final = {
     "sql/06_retired.sql acknowledge": "signatures of routines of former releases",
-    "sql/20_stage1_broad_phase.sql _row_boxes": "pieces",
     "sql/86_admission_steps.sql _objects_near": "pieces",
 }
 PLACES: Final = HOMES | FORMS | RULES | PUBLIC | NOT_PLANS
