@@ -8,6 +8,7 @@ import psycopg
 import pytest
 import shapely
 from commands import Run
+from patience import WAIT_S
 
 import conflictdb
 from conflictdb.core.moving_plans import moved
@@ -60,7 +61,7 @@ def footprints(dsn: str) -> dict[str, shapely.Geometry]:
 def test_an_area_goes_the_least_way_aside(strip: Run, dsn: str) -> None:
     """North: 3 nautical miles of the area south of the ferry, and its haven; south the other track is nearer."""
     before = footprints(dsn)
-    some = ("resolve", "BOX", "WEEKLY", "--movable", "BOX", "WEEKLY", "--within", "1h")
+    some = ("resolve", "BOX", "WEEKLY", "--movable", "BOX", "WEEKLY", "--within", "1h", "--limit", f"{WAIT_S:g}s")
     assert "--aside (new waypoints and places of areas)" in strip(*some).out
     found = strip(*some, "--aside", "10nmi")
     assert "BOX (area BOX) goes 3.1 nmi on 000°: keeps clear of FERRY; clears 1 conflict, makes none" in found.out

@@ -432,7 +432,7 @@ def test_a_row_that_a_reader_writes_stops_no_worker(
         reader.commit()
         reader.execute("SELECT conflictdb.request_probe('s', 'SRID=4326;POLYGON((0 -1, 1 -1, 1 1, 0 1, 0 -1))')")
         reader.commit()
-    probes.answer(conn)
+    answer_all(conn)
     left = "SELECT count(*) FROM conflictdb.probe_request WHERE answered_at IS NULL"
     assert conn.execute(left.encode()).fetchone() == (0,)
 

@@ -184,9 +184,8 @@ def clean_up(run: str) -> None:
         except psycopg.OperationalError:
             return  # the server could not be reached, which the tests have reported already
     home = run_home(run)
-    for _ in range(1000):
-        if server.status(home).pid is None:
-            break
+    end = time.monotonic() + WAIT_S
+    while server.status(home).pid is not None and time.monotonic() < end:
         time.sleep(0.01)
     for left_home in home.parent.glob(run_home("*").name):
         # Also databases of killed runs, once they are old enough.
