@@ -75,8 +75,9 @@ FROM (VALUES {rows}) v (oid, relpages, reltuples, relallvisible) WHERE c.oid = v
 """
 # Pages of indexes stay when their rows have gone, and a clone is made faster than so many rows are deleted.
 HAS_LARGE_INDEXES = """
-SELECT EXISTS (SELECT FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
-               AND pg_indexes_size(c.oid) > 256 * current_setting('block_size')::bigint)
+SELECT EXISTS (SELECT FROM pg_index i JOIN pg_class c ON c.oid = i.indexrelid
+               WHERE c.relnamespace = 'conflictdb'::regnamespace GROUP BY i.indrelid
+               HAVING sum(pg_relation_size(i.indexrelid)) > 256 * current_setting('block_size')::bigint)
 """
 END_SESSIONS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity
