@@ -17,6 +17,7 @@ from commands import Run, runner
 from databases import TestServer, clean_up, run_home, shared_directory, test_server
 from forked_readers import forked_readers
 from hypothesis import HealthCheck, settings
+from lent_sessions import LentSessions
 from reused import ReusedDatabase
 
 from conflictdb.formats import confined
@@ -218,9 +219,11 @@ def conn(dsn: str, _reused: ReusedDatabase) -> Iterator[psycopg.Connection[Any]]
 
 
 @pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Return a function that runs a command on a database with the schema and nothing in it."""
-    return runner(dsn, capsys)
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Return a function that runs a command on a database with the schema and nothing in it, on a session for all."""
+    lent = LentSessions()
+    yield runner(dsn, capsys, lent.connect)
+    lent.close()
 
 
 def _worker_input(config: pytest.Config) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import psycopg
 import pytest
 from databases import TestServer
+from lent_sessions import LentSessions
 from reused import ReusedDatabase
 
 OBJECTS = """
@@ -103,3 +104,36 @@ def test_what_a_kept_session_left_is_counted(reused: ReusedDatabase) -> None:
                 conn.commit()
             reused.clean()
         assert reused.dsn() != dsn
+
+
+def test_a_lent_session_is_as_a_new_one(reused: ReusedDatabase) -> None:
+    """Closed, it is lent again, without what was set in it; after a setting for new sessions it is not lent."""
+    dsn = reused.dsn()
+    query = (
+        "SELECT current_setting('work_mem'), to_regclass('mine'), (SELECT count(*) FROM pg_listening_channels()), "
+        "(SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND pid = pg_backend_pid())"
+    )
+    with psycopg.connect(dsn) as conn:
+        expected = conn.execute(query).fetchone()
+    sessions = LentSessions()
+    lent = sessions.connect(dsn)
+    pid = lent.info.backend_pid
+    lent.execute("SET work_mem = '77MB'; CREATE TEMPORARY TABLE mine (); LISTEN mine; SELECT pg_advisory_lock(7)")
+    lent.commit()
+    for _ in range(2):
+        lent.close()
+    again = sessions.connect(dsn)
+    assert again.info.backend_pid == pid
+    assert again.execute(query).fetchone() == expected
+    again.close()
+    with psycopg.connect(dsn) as conn:
+        conn.execute(REPLACED["a setting"])
+    other = sessions.connect(dsn)
+    assert other.info.backend_pid != pid
+    assert other.execute("SHOW work_mem").fetchone() == ("64kB",)
+    other.close()
+    sessions.close()
+    assert other.closed
+    reused.clean()
+    assert reused.dsn() != dsn
+    reused.clean()

@@ -4,12 +4,15 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import psycopg
 import pytest
 
 import conflictdb
 from conflictdb.cli import main
+from conflictdb.store import connection
 
 # Columns that are equal for a detection and for conflicts computed by another program.
 KEPT = (
@@ -38,13 +41,19 @@ class Outcome:
 Run = Callable[..., Outcome]
 
 
-def runner(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Return a function that runs one command on a database."""
+def runner(
+    dsn: str, capsys: pytest.CaptureFixture[str], connect: Callable[..., psycopg.Connection[Any]] | None = None
+) -> Run:
+    """Return a function that runs one command on a database; `connect` opens its sessions in place of psycopg's."""
+    driver = SimpleNamespace(**{**vars(psycopg), "connect": connect})
 
     def run(*words: str | Path) -> Outcome:
         capsys.readouterr()
         try:
-            code = main(["--dsn", dsn, *map(str, words)])
+            with pytest.MonkeyPatch.context() as patch:
+                if connect is not None:
+                    patch.setattr(connection, "psycopg", driver)
+                code = main(["--dsn", dsn, *map(str, words)])
         except SystemExit as ended:
             code = int(ended.code or 0)
         return Outcome(code, *capsys.readouterr())
