@@ -19,14 +19,25 @@ from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 Conn = psycopg.Connection[Any]
 T0_S = T0_US / 1e6
 
-MOST_FIRST_VIEW_S = 2.0
-MOST_DETECTED_VIEW_S = 3.0  # with 17,526 conflicts
+# Times of the first view of six objects, which is most of one: modules, land, and a renderer without a graphics card.
+MOST_TIMES = 1.5
+MOST_DETECTED_TIMES = 2.0  # with 17,526 conflicts
 LEAST_PICTURES_PER_S = 20.0
 TRIES = 5
 
 COLOUR = """([lon, lat, of]) => {
     const {view} = conflictdbPage, {x, y} = view.map.project([lon, lat]), canvas = document.getElementById(of);
     return [...canvas.getContext('2d').getImageData(Math.round(x), Math.round(y), 1, 1).data];
+}"""
+
+# Counts how often the overview is drawn.
+DRAWN = """{
+    globalThis.overviewDrawn = 0;
+    const clear = CanvasRenderingContext2D.prototype.clearRect;
+    CanvasRenderingContext2D.prototype.clearRect = function (...box) {
+        globalThis.overviewDrawn += this.canvas.id === 'overview';
+        return clear.apply(this, box);
+    };
 }"""
 
 
@@ -55,12 +66,14 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ser
     crossing = rectangle_outline_m(500, 500, 500, 500)
     tracks.append(Track("EAST", [(177.0, 6.5), (178.0, 6.5)], times, crossing))
     tracks.append(Track("NORTH", [(177.5, 6.0), (177.5, 7.0)], times, crossing))
+    tracks.append(Track("FLAT", [(177.0, 7.5), (178.0, 7.5)], times, small))
     starts = enumerate(np.linspace(176.0, 179.0, 2001))
     tracks += [Track(f"T{n}", [(lon, 8.0), (lon, 9.0)], times, small) for n, lon in starts]
     load(conn, Scene("s"), areas, tracks)
     detect(conn, "s", jobs=1)
     address = serve(dsn, "s")
     page = open_page(address)
+    assert_the_first_view_draws_it_once(page, address)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     show_time(page, 1.0)
@@ -100,6 +113,16 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ser
     wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
 
 
+def assert_the_first_view_draws_it_once(page: Page, address: str) -> None:
+    """And computes no headings of a track whose path is straight on the map."""
+    page.add_init_script(DRAWN)
+    page.goto("about:blank")
+    page.goto(address)
+    page.wait_for_selector("html[data-ready=true]", state="attached")
+    assert page.evaluate("overviewDrawn") == 1
+    assert page.evaluate("conflictdbPage.havens.tracks.find(({key}) => key === 'FLAT').motion.legs == null")
+
+
 def assert_first_contacts_are_strong_while_on(page: Page) -> None:
     """And pale before and after."""
     lon, lat, start = page.evaluate(
@@ -135,18 +158,23 @@ SLID_MS = """async () => {
 def test_twenty_thousand_objects_are_shown_and_moved(
     is_detected: bool, conn: Conn, dsn: str, serve: Serve, open_page: Open, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A first view within 2 s, or 3 with conflicts, and more than 20 pictures a second: medians of some tries."""
+    """A first view hardly later than that of six, and more than 20 pictures a second: medians of some tries in turn."""
     load(conn, Scene("s"), *many(20_000))
+    load(conn, Scene("few"), *many(6))
     conn.commit()
     if is_detected:
         detect(conn, "s", jobs=1)
     conn.execute("ANALYZE")
     conn.commit()
-    views_s, pictures_per_s = [], []
+    few_s, views_s, pictures_per_s = [], [], []
     address = serve(dsn, "s")
+    shown_s = "performance.getEntriesByName('shown')[0].startTime / 1000"
     for _ in range(TRIES):
+        page = open_page(f"{address}#scene=few", size=(1440, 900), draws_map=True)
+        few_s.append(page.evaluate(shown_s))
+        page.close()
         page = open_page(address, size=(1440, 900), draws_map=True)
-        views_s.append(page.evaluate("performance.getEntriesByName('shown')[0].startTime") / 1000)
+        views_s.append(page.evaluate(shown_s))
         expect(page.locator("#state")).to_contain_text("10,000 areas · 10,000 tracks")
         if is_detected:
             expect(page.locator("#count")).to_have_text("17,526 conflicts")
@@ -154,8 +182,9 @@ def test_twenty_thousand_objects_are_shown_and_moved(
         pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
         page.close()
     with capsys.disabled():
-        sys.stdout.write(f"\nfirst view {np.round(views_s, 2)} s, {np.round(pictures_per_s)} pictures a second\n")
-    assert np.median(views_s) < (MOST_DETECTED_VIEW_S if is_detected else MOST_FIRST_VIEW_S)
+        sys.stdout.write(f"\nfirst view {np.round(views_s, 2)} s, of six objects {np.round(few_s, 2)} s, ")
+        sys.stdout.write(f"{np.round(pictures_per_s)} pictures a second\n")
+    assert np.median(views_s) < (MOST_DETECTED_TIMES if is_detected else MOST_TIMES) * np.median(few_s)
     assert np.median(pictures_per_s) > LEAST_PICTURES_PER_S
 
 

@@ -29,6 +29,21 @@ def test_fonts_are_of_one_type_scale() -> None:
             assert sized is None, f"{file.name}: {line}"
 
 
+def test_facts_of_the_list_are_whole_or_not_there(open_strait: Open) -> None:
+    """No row ends in "3 mi...", which reads as miles: facts without room are left out, the last ones first."""
+    seen = """[...document.querySelectorAll('.row .facts')].map((facts) => [...facts.children]
+        .filter((one) => one.offsetTop < facts.offsetTop + facts.clientHeight)
+        .map((one) => [one.textContent, one.scrollWidth - one.clientWidth]))"""
+    counts = []
+    for size in ((820, 1180), (1440, 900)):
+        found = open_strait(size).evaluate(seen)
+        assert len(found) == 7
+        assert [text for row in found for text, cut in row if cut > 0] == []
+        counts.append([len(row) for row in found])
+    assert min(counts[0]) >= 1
+    assert min(counts[1]) >= 2
+
+
 def boxes(page: Page, of: str) -> list[tuple[str, list[float], bool]]:
     found = page.evaluate(f"conflictdbPage.{of}.map(({{text, box, isLed}}) => [text, box, isLed])")
     return [(text, box, is_led) for text, box, is_led in found]

@@ -901,9 +901,9 @@ class Page {
 
   // --- units and times -----------------------------------------------------------------------------------------------
 
-  // Offers the zones: UTC, that of the browser, and the one that is shown.
+  // Offers the zones: UTC, the one that is shown, and once the menu is open that of the browser, which takes some hundredths of a second.
   offerDisplay() {
-    const zones = [...new Set(["UTC", here(), display.zone])];
+    const zones = [...new Set(["UTC", ...(byId("menu").open ? [here()] : []), display.zone])];
     byId("units").value = display.isNautical ? "nautical" : "metric";
     byId("zone").replaceChildren(...zones.map((one) => new Option(one, one, one === display.zone, one === display.zone)));
     for (const one of document.querySelectorAll(".zone")) one.textContent = zone(this.state.t);
@@ -1023,6 +1023,7 @@ class Page {
     byId("units").addEventListener("change", () => this.chooseDisplay({ isNautical: byId("units").value === "nautical" }));
     byId("zone").addEventListener("change", () => this.chooseDisplay({ zone: byId("zone").value }));
     onDisplay(() => this.displayChanged());
+    byId("menu").addEventListener("toggle", () => this.offerDisplay());
     this.offerDisplay();
     document.addEventListener("click", ({ target }) => { if (!target.closest("#menu")) byId("menu").open = false; });
     byId("filter").addEventListener("change", checkInstants);

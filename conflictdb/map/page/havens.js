@@ -331,7 +331,7 @@ function lineOf({ motion, x, y, bend }, unit) {
   const line = [x[0], y[0]];
   for (let i = 0; i + 1 < x.length; i += 1) {
     const parts = Math.min(MOST_PARTS, Math.ceil(Math.sqrt(bend[i] / unit)));
-    for (const [lon, lat] of motion.along(i, parts)) {
+    for (const [lon, lat] of parts > 1 ? motion.along(i, parts) : []) {
       line.push(x[i] + shortest(mercatorX(lon) - x[i] + Math.floor(x[i])), mercatorY(lat));
     }
     line.push(x[i + 1], y[i + 1]);

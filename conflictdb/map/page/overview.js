@@ -69,7 +69,7 @@ export class Overview {
     this.isShown = isShown;
     this.kinds = []; // [{objects, shapes, looks}] of areas and paths
     this.conflicts = [];
-    this.marks = 0; // how often it was told what to show
+    this.marks = 0; // how often something else was to be shown
     this.drawn = "";
     view.map.on("render", () => this.draw());
     theme.onChange(() => {
@@ -94,6 +94,7 @@ export class Overview {
     this.kinds = [[areas, outlines], [paths, lines]].map(([all, shapes]) => ({
       objects: all.map(({ object }) => object), shapes: shapes.packed(), looks: new Uint8Array(all.length),
     }));
+    this.marks += 1;
   }
 
   // Each is a point at first contact, or in the middle of the region where that is not known.
@@ -103,6 +104,7 @@ export class Overview {
       lon !== null ? [mercatorX(lon), mercatorY(lat)]
         : west !== null ? [mercatorX((west + east) / 2), mercatorY((south + north) / 2)] : [NaN, NaN])));
     this.contactLooks = new Uint8Array(conflicts.length);
+    this.marks += 1;
   }
 
   // Shows what is on and chosen; `flagsOf` is asked of each object and conflict (state.js).
@@ -111,9 +113,14 @@ export class Overview {
       const { on, hidden, chosen, dim, a, b } = flagsOf(one);
       return hidden ? HIDDEN : LOOKS.indexOf(a ? "a" : b ? "b" : chosen ? "chosen" : dim ? "dim" : on ? "on" : "off");
     };
-    for (const { objects, looks } of this.kinds) objects.forEach((object, n) => { looks[n] = look(object); });
-    this.conflicts.forEach((one, n) => { this.contactLooks[n] = look(one); });
-    this.marks += 1;
+    let isSame = true;
+    const put = (looks, n, now) => {
+      isSame &&= looks[n] === now;
+      looks[n] = now;
+    };
+    for (const { objects, looks } of this.kinds) objects.forEach((object, n) => put(looks, n, look(object)));
+    this.conflicts.forEach((one, n) => put(this.contactLooks, n, look(one)));
+    if (!isSame) this.marks += 1;
     this.draw();
   }
 
@@ -127,7 +134,7 @@ export class Overview {
     }
     const { context } = this;
     // What is drawn stays, until it is of another view, or something else is on.
-    const drawn = this.isShown() ? JSON.stringify([frame, ratio, this.marks]) : "";
+    const drawn = this.kinds.length && this.isShown() ? JSON.stringify([frame, ratio, this.marks]) : "";
     if (drawn === this.drawn) return;
     this.drawn = drawn;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
