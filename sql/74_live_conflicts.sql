@@ -47,7 +47,8 @@ BEGIN
     SELECT f.key, f.other_key, f.other_kind,
            CASE WHEN g.slack > 0 THEN NULL
                 WHEN f.low = 0 AND f.high = 0 THEN 'planned'
-                WHEN int8range(f.low, f.high, '[]') <@ f.proven_us THEN 'must' ELSE 'may' END,
+                -- They are stored a microsecond longer.
+                WHEN int8range(f.low - 1, f.high + 1, '[]') <@ f.proven_us THEN 'must' ELSE 'may' END,
            g.slack, g.by,
            ARRAY(SELECT DISTINCT e.by_us FROM unnest(f.forbidden_us) r
                  CROSS JOIN LATERAL (VALUES (greatest(lower(r), f.low)), (least(upper(r) - 1, f.high))) e (by_us)

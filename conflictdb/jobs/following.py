@@ -126,6 +126,8 @@ def _alarms(
     while tried:
         for pair, conflict in _conflicts(settings, plans, place, rows, tried).items():
             verdict = rows[pair].verdict or "may"
+            if conflict is None and verdict == _PLANNED:
+                continue
             alarm = _alarm(
                 conflict, _VERDICTS.get(verdict, "may") if is_first and not reason else "may", reason, now_us
             )
@@ -169,9 +171,9 @@ def _conflicts(
 
 
 def _alarm(conflict: Conflict | None, verdict: str, reason: str | None, now_us: int) -> "store.Alarm | None":
-    """Return the alarm of a conflict of shifted plans; None if it is over, without times if it is unknown."""
+    """Return the alarm of a conflict of shifted plans; None if it is over, may without times if it is unknown."""
     if conflict is None:
-        return store.Alarm(verdict, reason)
+        return store.Alarm("may", reason)
     spans = [(_us(first), _us(last)) for first, last in conflict.periods]
     ahead = [(first, last) for first, last in spans if last is None or last >= now_us]
     if spans and not ahead:

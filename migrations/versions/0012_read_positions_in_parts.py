@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "04a807c3266b16624fed2d1653ed0ab635b88d07e419402428859f3170804d30"
+routines_sha256 = "42bae38c353f551b494ebf532b7e086fd23b5dbd20a649c6be94720d3d26721b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

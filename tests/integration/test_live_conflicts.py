@@ -130,6 +130,35 @@ def test_an_alarm_of_a_pair_that_conflicts_as_planned_is_one_while_it_has_no_sla
     assert numbers[1] == numbers[2] == numbers[3] == numbers[4]
 
 
+def test_a_pair_that_does_not_conflict_as_planned_is_no_must(conn: Conn) -> None:
+    """The second leg begins where and when the first one ends: as planned they share no time."""
+    side = rectangle_outline_m(2000, 2000, 2000, 2000)
+    first = Track("FIRST", [(0.0, 0.0), (0.5, 0.0)], [us(0), us(30)], side)
+    detected(conn, [first, Track("NEXT", [(0.5, 0.0), (1.0, 0.0)], [us(30), us(60)], side)], delays_within_s=3600)
+    assert conn.execute("SELECT FROM conflictdb.conflicts").fetchall() == []
+    put(conn, "FIRST", 20, (20 - 2.2) / 60, 0)
+    assert look(conn, 20)["FIRST", "NEXT"][0] == "may"
+    put(conn, "FIRST", 22, 22 / 60, 0)
+    assert look(conn, 22) == {}
+
+
+@pytest.mark.parametrize(("more_us", "verdict"), [(0, "may"), (1, "must")])
+def test_proven_differences_are_stored_a_microsecond_longer(conn: Conn, more_us: int, verdict: str) -> None:
+    detected(conn, [crossing("FERRY", 0, north=False), crossing("TOW", 10, north=True)], delays_within_s=3600)
+    put(conn, "FERRY", 28, 18 / 60, 0)
+    look(conn, 28)
+    conn.execute(
+        "UPDATE conflictdb.difference d SET proven_us = int8multirange(int8range("
+        "round(1e6 * l.late_from_s)::bigint - %(more)s, round(1e6 * l.late_to_s)::bigint + %(more)s, '[]')) "
+        "FROM conflictdb.live_state l, conflictdb.track t "
+        "WHERE l.key = 'FERRY' AND t.key = 'FERRY' AND d.track_id = t.track_id",
+        {"more": more_us},
+    )
+    put(conn, "FERRY", 28.001, 18.001 / 60, 0)
+    (found,) = look(conn, 28.001).values()
+    assert found[0] == verdict
+
+
 def test_a_pair_that_parts_and_meets_again_is_another_alarm(conn: Conn) -> None:
     """The ferry passes the area twice, an hour apart, and is 10 minutes late."""
     area = Area("DIVING", [(0.49, -0.01), (0.51, -0.01), (0.51, 0.01), (0.49, 0.01)])
