@@ -251,6 +251,8 @@ class Forger:
         if self.pairs and rng.random() < 0.7:
             p, q, turns = rng.choice(self.pairs[rng.choice(list(self.pairs))])
         start, end = max(p.start, q.start), min(p.end, q.end)
+        if start > end:  # a haven is nowhere outside of its leg
+            return self.invented()
         is_still = p.is_still and q.is_still
         s = 0.0 if is_still else rng.choice((0.0, 0.5, 1.0, rng.random())) * max(end - start, 0) / 1e6
         zero = 0 if is_still else start
