@@ -6,7 +6,7 @@ keys of its objects.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, Self, cast
 
@@ -140,7 +140,7 @@ SOURCES: Final[dict[str, Open]] = {
     "in the database": in_the_database,
     "in hand": in_the_hand,
     "in hand, some at a time": partial(in_the_hand, memory=MemoryBudget(pairs=7, pieces=5, boxes=0)),
-    "joined by the database": partial(in_the_database, memory=replace(DEFAULT_MEMORY, boxes=0)),
+    "joined by the database": partial(in_the_database, memory=DEFAULT_MEMORY._replace(boxes=0)),
     "joined by the database, some at a time": partial(in_the_database, memory=MemoryBudget(pairs=7, pieces=5, boxes=0)),
     "few changes, stage 2 in the database": partial(of_few_changes, most_compared=10**9),
     "few changes, stage 2 at the client": partial(of_few_changes, most_compared=-1),

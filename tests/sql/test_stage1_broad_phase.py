@@ -143,7 +143,7 @@ def pairs_of_source(conn: Conn, scene_id: int, boxes: int) -> set[frozenset[tupl
     """The pairs of pieces of a detection, by kind, object, part and turn; the client joins at most `boxes` boxes."""
     store.begin_snapshot(conn)
     found = set()
-    for pieces, a, b, *_ in sources.Stored(conn, scene_id, replace(DEFAULT_MEMORY, boxes=boxes)).pairs(Question()):
+    for pieces, a, b, *_ in sources.Stored(conn, scene_id, DEFAULT_MEMORY._replace(boxes=boxes)).pairs(Question()):
         columns = (pieces.kind, pieces.object_id, pieces.part, pieces.turn)
         names = list(zip(*(column.tolist() for column in columns), strict=True))
         pairs = [frozenset((names[i], names[j])) for i, j in zip(a.tolist(), b.tolist(), strict=True)]

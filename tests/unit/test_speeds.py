@@ -259,7 +259,7 @@ def test_all_tracks_at_once_have_the_speeds_of_each(monkeypatch: pytest.MonkeyPa
         prepared.clear()
         with monkeypatch.context() as patched:
             patched.setattr(kernel.KernelScene, "__init__", counted)
-            patched.setattr(stage_of_delays, "DEFAULT_MEMORY", replace(DEFAULT_MEMORY, pairs=50))
+            patched.setattr(stage_of_delays, "DEFAULT_MEMORY", DEFAULT_MEMORY._replace(pairs=50))
             every = speeds(objects, areas, settings)
         assert len(prepared) == kernels
         assert sum(bool(one.forbidden) for one in every) > 15
