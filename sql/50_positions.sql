@@ -317,6 +317,6 @@ COMMENT ON TABLE position_look IS 'What the last look at positions saw: one row.
 COMMENT ON COLUMN position_look.is_only IS 'True.';
 COMMENT ON COLUMN position_look.seen IS 'Transactions whose positions were all seen.';
 COMMENT ON COLUMN position_look.reading IS 'Transactions whose positions are being read in parts; null: none.';
-COMMENT ON COLUMN position_look.scene_id IS 'Scene of the last position of them that was seen.';
-COMMENT ON COLUMN position_look.instant IS 'Its instant.';
-COMMENT ON COLUMN position_look.key IS 'Its key.';
+COMMENT ON COLUMN position_look.scene_id IS 'Scene of the last position of them that was seen; null as reading.';
+COMMENT ON COLUMN position_look.instant IS 'Its instant; null as reading.';
+COMMENT ON COLUMN position_look.key IS 'Its key; null as reading.';

@@ -14,7 +14,7 @@ _COLUMNS: Final = tuple(one.name for one in fields(Pieces) if one.name not in (*
 _FIRST_ROWS: Final = 1_024
 
 
-class _Column:
+class _Growing:
     """An array that grows by half when it is full: pages that are never written take no memory."""
 
     def __init__(self, like: NDArray[Any]) -> None:
@@ -41,8 +41,8 @@ class GatheredBundles:
         """Begin with a batch."""
         pieces = first.pieces
         names = [*_COLUMNS, *(["shape_to_xy"] if pieces.changes else [])]
-        self._columns = {name: _Column(getattr(pieces, name)) for name in names}
-        self._offsets = {name: _Column(first.offset) for name in (*_OFFSETS, "of_bundles")}
+        self._columns = {name: _Growing(getattr(pieces, name)) for name in names}
+        self._offsets = {name: _Growing(first.offset) for name in (*_OFFSETS, "of_bundles")}
         for column in self._offsets.values():
             column.append(np.zeros(1, np.int64))
         self.add(first)
@@ -51,7 +51,7 @@ class GatheredBundles:
         """Add a batch."""
         pieces, columns = batch.pieces, self._columns
         if pieces.changes and "shape_to_xy" not in columns:
-            columns["shape_to_xy"] = _Column(pieces.shape_to_xy)
+            columns["shape_to_xy"] = _Growing(pieces.shape_to_xy)
             columns["shape_to_xy"].append(columns["shape_xy"].values())
         self._offsets["of_bundles"].append(batch.offset[1:] + columns["kind"].count)
         for name, of in _OFFSETS.items():

@@ -83,13 +83,15 @@ class Stored:
         at_once = memory.row_pairs(len(ids))
         joined_rows = joined(ids, pieces, boxes, at_once, within_us, self._compared, marks)
         del ids, pieces, boxes, marks
+        before = 0.0
         for found in joined_rows:
             if bundles is None or place is None:
-                for chunk in pairs_of_rows(found, self._read, memory, within_us):
-                    yield chunk._replace(share=found.share)
+                chunks = pairs_of_rows(found, self._read, memory, within_us)
             else:
-                for chunk in pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us):
-                    yield chunk._replace(share=found.share)
+                chunks = pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us)
+            after = found.share or 1.0
+            yield from shares_of_all(chunks, before, after)
+            before = after
 
     @property
     def _compared(self) -> NDArray[np.bool_] | None:
@@ -258,9 +260,18 @@ def joined(
 
 def pairs_of_rows(found: store.Candidates, read: Read, memory: MemoryBudget, within_us: int) -> Iterator[Chunk]:
     """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
+    done = 0
     for some in _readable(found, memory.pieces):
         bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
-        yield from pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs_at_once, within_us)
+        chunks = pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs_at_once, within_us)
+        yield from shares_of_all(chunks, done / len(found), (done + len(some)) / len(found))
+        done += len(some)
+
+
+def shares_of_all(chunks: Iterator[Chunk], before: float, after: float) -> Iterator[Chunk]:
+    """Yield the chunks of some pairs, of which a share of all was found before and another one after them."""
+    for chunk in chunks:
+        yield chunk._replace(share=before + (after - before) * (1.0 if chunk.share is None else chunk.share))
 
 
 def pairs_of_parts(
@@ -298,7 +309,10 @@ def pairs_of_bundles(
     at_once: int,
     within_us: int,
 ) -> Iterator[Chunk]:
-    """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk."""
+    """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk.
+
+    Their shares are of these pairs.
+    """
     pieces, size = bundles.pieces, np.diff(bundles.offset)
     first = bundles.offset[:-1]
     ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
@@ -310,7 +324,7 @@ def pairs_of_bundles(
     a, b = a[order], b[order]
     looked_at = np.cumsum(size[a] * size[b])
     ends = np.append(np.flatnonzero((number[a][1:] != number[a][:-1]) | (number[b][1:] != number[b][:-1])) + 1, len(a))
-    start, met, waiting = 0, 0, []
+    start, met, done, waiting = 0, 0, 0.0, []
     while start < len(a):
         before = int(looked_at[start - 1]) if start else 0
         fits = int(np.searchsorted(looked_at[ends - 1], before + _LOOKED_AT * at_once, side="right")) - 1
@@ -319,9 +333,11 @@ def pairs_of_bundles(
         met, start = met + len(waiting[-1][0]), end
         if met >= at_once or start == len(a):
             rows_a, rows_b = (np.concatenate(some) for some in zip(*waiting, strict=True))
-            numbers = object_numbers(pieces)
+            numbers, left = object_numbers(pieces), len(rows_a)
             for rows in chunks_of_objects(numbers[rows_a], numbers[rows_b], at_once):
-                yield _in_order(pieces, place, rows_a[rows], rows_b[rows])
+                done += (start - done) * len(rows) / max(left, 1)
+                left -= len(rows)
+                yield _in_order(pieces, place, rows_a[rows], rows_b[rows])._replace(share=done / len(a))
             met, waiting = 0, []
 
 

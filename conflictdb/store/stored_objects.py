@@ -44,7 +44,7 @@ def string_columns(kind: str) -> list[str]:
 _Encoder = Callable[[Sequence[Any]], copy_binary.Column]
 
 
-class _Codec(NamedTuple):
+class _RowCodec(NamedTuple):
     """A column of the form OWN, of plans as rows, and of the bytes of one row; None: all rows are read at once."""
 
     encode: _Encoder
@@ -485,14 +485,14 @@ def _instants(lists: Sequence[tuple[int, ...] | None]) -> copy_binary.Ragged:
 
 # Columns of the form OWN but spans and properties.
 _OWN: Final = {
-    "footprint": _Codec(_footprints),
-    "path": _Codec(_paths),
-    "outline": _Codec(_havens),
-    "outlines": _Codec(_each("outlines_m", _encoded_outlines)),
-    "floors_m": _Codec(_each("floors_m", _encoded_heights), partial(decode_heights, unbounded=-np.inf)),
-    "ceilings_m": _Codec(_each("ceilings_m", _encoded_heights), partial(decode_heights, unbounded=np.inf)),
-    "activations": _Codec(_unless_scheduled("spans_us", _multispans), _decoded_spans),
-    "departures": _Codec(
+    "footprint": _RowCodec(_footprints),
+    "path": _RowCodec(_paths),
+    "outline": _RowCodec(_havens),
+    "outlines": _RowCodec(_each("outlines_m", _encoded_outlines)),
+    "floors_m": _RowCodec(_each("floors_m", _encoded_heights), partial(decode_heights, unbounded=-np.inf)),
+    "ceilings_m": _RowCodec(_each("ceilings_m", _encoded_heights), partial(decode_heights, unbounded=np.inf)),
+    "activations": _RowCodec(_unless_scheduled("spans_us", _multispans), _decoded_spans),
+    "departures": _RowCodec(
         _unless_scheduled("departures_us", _instants), lambda sent: all_certain(decode_instants(sent))
     ),
 }

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "42bae38c353f551b494ebf532b7e086fd23b5dbd20a649c6be94720d3d26721b"
+routines_sha256 = "e3405465289ee7a3c4311f4dfcabf7055ecefe35f58ca88fbfe745c938cd688f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -123,7 +123,7 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     expect(said).to_have_text("No conflict. Nothing comes within 539.9 nmi at its time and heights.")
     page.get_by_text("More", exact=True).click()
     page.get_by_label("Units").select_option("metric")
-    expect(said).to_have_text("No conflict. Nothing comes within 1000 km at its time and heights.")
+    expect(said).to_have_text("No conflict. Nothing comes within 1000.0 km at its time and heights.")
 
 
 def test_chips_take_one_limit_away_each(open_strait: Open) -> None:

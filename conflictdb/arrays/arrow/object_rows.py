@@ -341,7 +341,7 @@ def _missing(given: Sequence[NDArray[Any] | None]) -> NDArray[np.bool_]:
     return np.array([one is None for one in given], np.bool_)
 
 
-class _Codec(NamedTuple):
+class _ArrowCodec(NamedTuple):
     """A column of the form OWN; the other forms have one codec each.
 
     encode : of values, None for none
@@ -357,17 +357,17 @@ class _Codec(NamedTuple):
 
 _SHAPES: Final[dict[str, _Decoder]] = {AREA: _footprints, TRACK: _courses}
 _OWN: Final = {
-    "geometry": _Codec(pa.binary(), _geometries, None),
-    "start": _Codec(INSTANT, _of_optional_instants, _at),
-    "end": _Codec(INSTANT, _of_optional_instants, _at),
-    "times": _Codec(_INSTANTS, _of_times, _times),
-    "outline_m": _Codec(_RING, _of_rings, _outline, _only_outline),
-    "outlines_m": _Codec(pa.list_(_RING), _of_outlines, _outlines),
-    "floors_m": _Codec(_METRES, _of_heights, partial(_heights, unbounded=-np.inf)),
-    "ceilings_m": _Codec(_METRES, _of_heights, partial(_heights, unbounded=np.inf)),
-    "properties": _Codec(pa.string(), _of_properties, _documents),
-    "spans": _Codec(_INSTANTS, _of_spans, _spans),
-    "departures": _Codec(_INSTANTS, _of_instants, _departures),
+    "geometry": _ArrowCodec(pa.binary(), _geometries, None),
+    "start": _ArrowCodec(INSTANT, _of_optional_instants, _at),
+    "end": _ArrowCodec(INSTANT, _of_optional_instants, _at),
+    "times": _ArrowCodec(_INSTANTS, _of_times, _times),
+    "outline_m": _ArrowCodec(_RING, _of_rings, _outline, _only_outline),
+    "outlines_m": _ArrowCodec(pa.list_(_RING), _of_outlines, _outlines),
+    "floors_m": _ArrowCodec(_METRES, _of_heights, partial(_heights, unbounded=-np.inf)),
+    "ceilings_m": _ArrowCodec(_METRES, _of_heights, partial(_heights, unbounded=np.inf)),
+    "properties": _ArrowCodec(pa.string(), _of_properties, _documents),
+    "spans": _ArrowCodec(_INSTANTS, _of_spans, _spans),
+    "departures": _ArrowCodec(_INSTANTS, _of_instants, _departures),
 }
 
 
