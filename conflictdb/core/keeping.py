@@ -135,7 +135,7 @@ class Kept:
         if self.seen_us is None or self.off_m is not None:
             # A track that was off when it was last heard of is not known to be on its way at all.
             return replace(self, state=SILENT, late_us=None)
-        # In whole minutes: what follows is not looked up at each look.
+        # In whole minutes: a look finds the alarms of a silent track again at most once a minute.
         lasts_us = -((self.at_us - now_us) // NEAR_US) * NEAR_US
         return replace(self, state=SILENT, late_us=_grown(self.seen_us, plan, lasts_us))
 

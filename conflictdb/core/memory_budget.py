@@ -16,7 +16,7 @@ _PIECE_BYTES: Final = 3_000
 _MOST_PIECES_AT_ONCE: Final = 32_768
 _MOST_PAIRS_AT_ONCE: Final = 32_768
 # Memory of a pair of rows of pieces; such pairs may take this share of the room for pairs of pieces. Each batch of them
-# visits all boxes once, which takes little time if it has half as many pairs, or so few boxes.
+# visits all boxes once: a small part of its time if it has at least half as many pairs as there are boxes.
 _ROW_PAIR_BYTES: Final = 150
 _ROOM_FOR_ROW_PAIRS: Final = 1 / 4
 _LEAST_ROW_PAIRS: Final = 65_536

@@ -21,7 +21,7 @@ from conflictdb.arrays.pieces import Bundles
 from conflictdb.core.memory_budget import MemoryBudget
 from conflictdb.core.near import Chunk, Question
 from conflictdb.core.separations import Separations
-from conflictdb.jobs.sources import Stored, joined, pairs_of_bundles, shares_of_all
+from conflictdb.jobs.sources import Stored, joined, pairs_of_bundles, with_shares
 from conflictdb.kernel.boxes import RowBoxes, boxes_of
 from conflictdb.kernel.waiting import ThreadWork, run_in_thread
 
@@ -109,12 +109,12 @@ class InHand(Stored):
             first = bundles.offset[:-1][ids]
             kinds, classes = bundles.pieces.kind[first], bundles.pieces.class_number[first]
             boxes = replace(boxes, type=self._separations.types(kinds, classes))
-        at_once, before = memory.row_pairs(len(ids)), 0.0
-        for found in joined(ids, np.diff(bundles.offset)[ids], boxes, at_once, within_us, self._compared):
-            chunks = pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us)
-            after = found.share or 1.0
-            yield from shares_of_all(chunks, before, after)
-            before = after
+        at_once = memory.row_pairs(len(ids))
+        joined_rows = joined(ids, np.diff(bundles.offset)[ids], boxes, at_once, within_us, self._compared)
+        yield from with_shares(
+            (pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us), found.share)
+            for found in joined_rows
+        )
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """Implement `PairSource`."""

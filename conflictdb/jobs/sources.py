@@ -4,7 +4,7 @@ If many objects changed and the boxes of all rows fit the memory, rows are joine
 them through its index. If few pieces are involved, it also runs stage 2.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
 from typing import Any, Final
 
@@ -83,15 +83,13 @@ class Stored:
         at_once = memory.row_pairs(len(ids))
         joined_rows = joined(ids, pieces, boxes, at_once, within_us, self._compared, marks)
         del ids, pieces, boxes, marks
-        before = 0.0
-        for found in joined_rows:
+
+        def chunks_of(found: store.Candidates) -> Iterator[Chunk]:
             if bundles is None or place is None:
-                chunks = pairs_of_rows(found, self._read, memory, within_us)
-            else:
-                chunks = pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us)
-            after = found.share or 1.0
-            yield from shares_of_all(chunks, before, after)
-            before = after
+                return pairs_of_rows(found, self._read, memory, within_us)
+            return pairs_of_bundles(bundles, place, found.a, found.b, memory.pairs_at_once, within_us)
+
+        yield from with_shares((chunks_of(found), found.share) for found in joined_rows)
 
     @property
     def _compared(self) -> NDArray[np.bool_] | None:
@@ -260,18 +258,27 @@ def joined(
 
 def pairs_of_rows(found: store.Candidates, read: Read, memory: MemoryBudget, within_us: int) -> Iterator[Chunk]:
     """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
-    done = 0
-    for some in _readable(found, memory.pieces):
-        bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
-        chunks = pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs_at_once, within_us)
-        yield from shares_of_all(chunks, done / len(found), (done + len(some)) / len(found))
-        done += len(some)
+
+    def parts() -> Iterator[tuple[Iterator[Chunk], float]]:
+        done = 0
+        for some in _readable(found, memory.pieces):
+            bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
+            done += len(some)
+            yield pairs_of_bundles(bundles, place, some.a, some.b, memory.pairs_at_once, within_us), done / len(found)
+
+    return with_shares(parts())
 
 
-def shares_of_all(chunks: Iterator[Chunk], before: float, after: float) -> Iterator[Chunk]:
-    """Yield the chunks of some pairs, of which a share of all was found before and another one after them."""
-    for chunk in chunks:
-        yield chunk._replace(share=before + (after - before) * (1.0 if chunk.share is None else chunk.share))
+def with_shares(parts: Iterable[tuple[Iterator[Chunk], float | None]]) -> Iterator[Chunk]:
+    """Yield the chunks of all parts with their shares of all pairs.
+
+    parts : the chunks of each, with their shares of its pairs, and the share of all pairs that is found after it
+    """
+    before = 0.0
+    for chunks, after in parts:
+        for chunk in chunks:
+            yield chunk._replace(share=before + ((after or 1.0) - before) * (chunk.share or 1.0))
+        before = after or 1.0
 
 
 def pairs_of_parts(

@@ -211,7 +211,7 @@ def test_outdated_pieces_are_freed_before_they_are_cut_again(
 def test_memory_is_that_of_the_pieces_in_hand_and_of_small_portions(
     conn: Conn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A batch of pieces is freed before the next one is cut, and no more pairs are solved at once than save time."""
+    """A batch of pieces is freed before the next one is cut, and pairs are solved in portions."""
     name = load(conn, sea_of(600))
     batches: list[weakref.ref[Any]] = []
     chunks: list[int] = []

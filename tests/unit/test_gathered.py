@@ -1,4 +1,4 @@
-"""Batches of bundles gathered in one are those of their concatenation, and none of them is kept."""
+"""Gathered batches of bundles equal their concatenation, and each batch is freed."""
 
 import gc
 import weakref
