@@ -949,14 +949,14 @@ class Page {
     if (this.isPrinting) return;
     this.isPrinting = true;
     this.player.pause();
-    theme.forPaper(true);
+    theme.forPaper("page", true);
     try {
       await Promise.race([
         Promise.all([this.view.idle(), this.detail.settled, this.brief.settled]), new Promise((done) => { setTimeout(done, PAPER_MS); })]);
       this.havens.draw();
       window.print();
     } finally {
-      theme.forPaper(false);
+      theme.forPaper("page", false);
       this.isPrinting = false;
     }
   }
@@ -1054,7 +1054,7 @@ class Page {
     for (const [event, isPrinted] of [["beforeprint", true], ["afterprint", false]]) {
       window.addEventListener(event, () => {
         havens.isStill = polar.isStill = false;
-        theme.forPaper(isPrinted);
+        theme.forPaper("browser", isPrinted);
         havens.draw();
         polar.draw();
         list.print(isPrinted);

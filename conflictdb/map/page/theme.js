@@ -15,8 +15,8 @@ function stored() {
 
 let choice = CHOICES.includes(stored()) ? stored() : "system";
 
-let isOnPaper = false;
-const shown = () => (!isOnPaper && (choice === "dark" || (choice === "system" && dark.matches)) ? "dark" : "light");
+const printing = new Set(); // who prints: paper is light until the last of them ends
+const shown = () => (printing.size === 0 && (choice === "dark" || (choice === "system" && dark.matches)) ? "dark" : "light");
 
 function apply() {
   known.clear();
@@ -37,11 +37,12 @@ export const theme = {
     }
     apply();
   },
-  // Paper is light.
-  forPaper(isPaper) {
-    if (isOnPaper === isPaper) return;
+  // `by` begins or ends to print; an end that somebody else reports leaves the colours of paper.
+  forPaper(by, isPaper) {
+    if (printing.has(by) === isPaper) return;
     const was = document.documentElement.dataset.theme;
-    isOnPaper = isPaper;
+    if (isPaper) printing.add(by);
+    else printing.delete(by);
     if (was !== shown()) apply();
   },
   onChange(listener) {
