@@ -26,13 +26,8 @@ from typing import Any
 VERSION = 1
 MEAN_RADIUS_M, WGS84_RADIUS_M, FLATTENING = 6371008.771415, 6378137.0, 1 / 298.257223563
 # Rows j from 1: coefficients of n^j, n^(j + 2), n^(j + 4) of sin 2j lat in m, and of sin 2j mu in the latitude.
-TO_M = [
-    (-3 / 2, 9 / 16, -3 / 32),
-    (15 / 16, -15 / 32, 135 / 2048),
-    (-35 / 48, 105 / 256, 0),
-    (315 / 512, -189 / 512, 0),
-]
-TO_M += [(-693 / 1280, 0, 0), (1001 / 2048, 0, 0)]
+TO_M = [(-3 / 2, 9 / 16, -3 / 32), (15 / 16, -15 / 32, 135 / 2048), (-35 / 48, 105 / 256, 0)]
+TO_M += [(315 / 512, -189 / 512, 0), (-693 / 1280, 0, 0), (1001 / 2048, 0, 0)]
 TO_LAT = [(3 / 2, -27 / 32, 269 / 512), (21 / 16, -55 / 32, 6759 / 4096), (151 / 96, -417 / 128, 0)]
 TO_LAT += [(1097 / 512, -15543 / 2560, 0), (8011 / 2560, 0, 0), (293393 / 61440, 0, 0)]
 ROUNDING_M = 1e-6  # on the earth
@@ -44,6 +39,7 @@ LEAST_UP = 0.49999999998488504  # 60 degrees from the centre of a scene of great
 TOLERANCES = {"xtd_port_m", "xtd_starboard_m", "min_speed_kn", "max_speed_kn", "turn_radius_m"}
 TOLERANCES |= {"departure_window", "arrival_window"}
 SEPARATIONS = {"separation_m": "separation_m", "vertical_separation_m": "vertical_m", "time_separation_s": "time_s"}
+HEIGHTS = [("floor_m", -inf), ("ceiling_m", inf)]
 PARTS = ["settings", "objects", "pieces", "verdicts", "proofs"]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 # Nodes from -1 to 1, and weights of sum 1.
@@ -320,22 +316,20 @@ class _Piece:
 # ---- Reading ----
 def read(given: Iterable[str]) -> dict[str, list[Any]]:
     """Return the lines of each part; check the digests."""
-    lines = list(given)
-    first, last = (json.loads(one) for one in (*lines[:1], "0", *lines[-1:])[::2])
-    if not isinstance(first, dict) or first.get("conflictdb_proof") != VERSION:
+    first, *lines, last = given
+    about, digests = json.loads(first), json.loads(last)
+    if not isinstance(about, dict) or about.get("conflictdb_proof") != VERSION:
         raise Refused(f"this is not a proof of version {VERSION}")
     begins = [k for k, line in enumerate(lines) if line.startswith('{"part"')]
-    if [json.loads(lines[k])["part"] for k in begins] != PARTS or begins[0] != 1 or "sha256" not in last:
+    if [json.loads(lines[k])["part"] for k in begins] != PARTS or begins[0] != 0 or "sha256" not in digests:
         raise Refused("the proof ends too early, or has other parts")
-    found: dict[str, Any] = {}
-    for name, begin, end in zip(PARTS, begins, [*begins[1:], len(lines) - 1], strict=True):
-        found[name] = lines[begin + 1 : end]
-        if last["sha256"].get(name) != hashlib.sha256("".join(found[name]).encode()).hexdigest():
+    parts = {}
+    for name, (begin, end) in zip(PARTS, pairwise([*begins, len(lines)]), strict=True):
+        own = lines[begin + 1 : end]
+        if digests["sha256"].get(name) != hashlib.sha256("".join(own).encode()).hexdigest():
             raise Refused("the digest of a part is another")
-    return {
-        name: own if name == "proofs" else [json.loads(line, parse_constant=int) for line in own]
-        for name, own in found.items()
-    }
+        parts[name] = own if name == "proofs" else [json.loads(line, parse_constant=int) for line in own]
+    return parts
 
 
 class _Scene:
@@ -419,7 +413,7 @@ class _Scene:
         points = [self.plane.place(*place) for place in places]
         if parts is not None:
             _check_parts(feature["id"], loops, places, points, parts)
-        band = [(x, x) for x in (_or(members.get("floor_m"), -inf), _or(members.get("ceiling_m"), inf))]
+        band = [_heights([members.get(name)], 2, unbounded)[0] for name, unbounded in HEIGHTS]
         for ends in extra.get("spans", members.get("spans", [[members.get("start"), members.get("end")]])):
             span = _instant(ends[0], -inf), _instant(ends[1], inf)
             for part in parts or [range(len(points))]:
@@ -436,8 +430,7 @@ class _Scene:
             gone += step if abs(step) <= 180 else step - 360 * round(step / 360)
             places[i] = here + 360 * round((gone - here) / 360), lat
         havens, courses = _havens(members, [(t - at[0]) / 1e6 for t in at]), list(pairwise(places))
-        names = ("floor_m", -inf), ("ceiling_m", inf)
-        bands = list(zip(*(_heights(members.get(name), len(at), unbounded) for name, unbounded in names), strict=True))
+        floors, ceilings = (_heights(members.get(name), len(at), unbounded) for name, unbounded in HEIGHTS)
         bodies, lasts, make = [], at[-1] - at[0], _Rhumb if isinstance(self.plane, _Mercator) else _Circle
         for i, bearing in enumerate(_headings(self.plane, courses)):
             bodies.append(make(self.plane, courses[i], (at[i + 1] - at[i]) / 1e6, bearing, havens[i : i + 2]))
@@ -447,7 +440,9 @@ class _Scene:
             for start, end in pairwise(cuts):
                 i = bisect_right(at, at[0] + start) - 1
                 leg, span = (zero + at[i] - at[0], zero + at[i + 1] - at[0]), (zero + start, zero + end)
-                self.pieces.append(_Piece(k, bodies[i], span, self.is_closed or end < lasts, leg, bands[i]))
+                self.pieces.append(
+                    _Piece(k, bodies[i], span, self.is_closed or end < lasts, leg, [floors[i], ceilings[i]])
+                )
 
     def box(self, piece: _Piece) -> Any:
         """Return a box that holds a piece during its time, and half of the largest separation around it."""
@@ -468,10 +463,6 @@ def _unit(point: Point) -> Point:
     return (point[0] / length, point[1] / length) if length else (1.0, 0.0)
 
 
-def _or(given: Any, unbounded: float) -> Any:
-    return unbounded if given is None else given
-
-
 def _instant(at: Any, unbounded: Any) -> Any:
     """Return microseconds since 1970."""
     if isinstance(at, str):
@@ -481,7 +472,8 @@ def _instant(at: Any, unbounded: Any) -> Any:
 
 def _heights(given: Any, count: int, unbounded: float) -> list[Range]:
     """Return the heights at both ends of each leg."""
-    each = [_or(one, unbounded) for one in (given if isinstance(given, list) else [given] * (count - 1))]
+    given = given if isinstance(given, list) else [given] * (count - 1)
+    each = [unbounded if one is None else one for one in given]
     if len(each) not in (count, count - 1):
         raise Refused("the heights of a track are neither one for each leg nor one for each place")
     legs = list(pairwise(each)) if len(each) == count else [(one, one) for one in each]
@@ -500,42 +492,38 @@ def _havens(members: Any, ages: Sequence[float]) -> list[list[Point]]:
         if len(rings) != len(ages) or len({len(ring) for ring in rings}) != 1:
             raise Refused("outlines_m has not one ring for each place, of as many corners")
         return rings
-    corners, rates, grow = rings[0], [(0.0, 0.0)] * len(rings[0]), members.get("grow_mps", 0.0)
-    if grow:
-        corners, rates = _mitred(corners)
-    moving = list(zip(corners, rates, strict=True))
+    grow = members.get("grow_mps", 0.0)
+    moving = _mitred(rings[0]) if grow else [(corner, (0.0, 0.0)) for corner in rings[0]]
     return [[(x + dx * grow * age, y + dy * grow * age) for (x, y), (dx, dy) in moving] for age in ages]
 
 
-def _mitred(ring: list[Point]) -> tuple[list[Point], list[Point]]:
-    """Return the corners of a convex ring, and how they move if every side moves outward at 1 m/s."""
+def _mitred(ring: list[Point]) -> list[tuple[Point, Point]]:
+    """Return the corners of a convex ring, each with how it moves if every side moves outward at 1 m/s."""
     ring = [one for i, one in enumerate(ring) if one != ring[i - 1]] or ring[:1]
-    if len(ring) <= 2:
-        (x0, y0), (x1, y1) = ring[0], ring[-1]
-        x, y = _unit((x1 - x0, y1 - y0)) if ring[0] != ring[-1] else (0.0, 1.0)
-        rates = [(a * x + r * y, a * y - r * x) for a, r in ((-1, 1), (1, 1), (1, -1), (-1, -1))]
-        return [ring[0], ring[-1], ring[-1], ring[0]], rates
-    way, rates = -1.0 if _area(ring) < 0 else 1.0, []
-    for (x0, y0), (x, y), (x1, y1) in zip([ring[-1], *ring], ring, [*ring[1:], ring[0]], strict=False):
-        a, b = _unit((x - x0, y - y0)), _unit((x1 - x, y1 - y))
-        scale = way / (1 + a[0] * b[0] + a[1] * b[1])
-        rates.append(((a[1] + b[1]) * scale, -(a[0] + b[0]) * scale))
-    return ring, rates
+    if len(ring) > 2:
+        sides, way = [_unit((c - a, d - b)) for (a, b), (c, d) in _sides(ring)], -1.0 if _area(ring) < 0 else 1.0
+    else:
+        x, y = _unit((ring[-1][0] - ring[0][0], ring[-1][1] - ring[0][1])) if len(ring) > 1 else (0.0, 1.0)
+        ring, way = [ring[0], ring[-1], ring[-1], ring[0]], 1.0
+        sides = [(x, y), (-y, x), (-x, -y), (y, -x)]
+    moving = []
+    for corner, (a, b), (c, d) in zip(ring, [sides[-1], *sides[:-1]], sides, strict=True):
+        scale = way / (1 + a * c + b * d)
+        moving.append((corner, ((b + d) * scale, -(a + c) * scale)))
+    return moving
 
 
 def _headings(plane: Any, legs: Sequence[Any]) -> Iterator[float]:
     """Yield the bearing of each leg; one that stands still has that of the leg before, else of the next, else 0."""
-    ends = [tuple(radians(x) for place in leg for x in place) for leg in legs]
-    courses: list[Any] = [plane.courses(*one) if one[:2] != one[2:] else None for one in ends]
-    first = next((k for k, one in enumerate(courses) if one), None)
-    for k, one in enumerate(courses):
-        before = next((i for i in range(k - 1, -1, -1) if courses[i]), first)
-        if one or before is None:
-            yield one[0] if one else 0.0
+    ends = [[(radians(lon), radians(lat)) for lon, lat in leg] for leg in legs]
+    last, at = next(((plane.courses(*a, *b)[0], a) for a, b in ends if a != b), (0.0, ends[0][0]))
+    for a, b in ends:
+        if a == b:  # Only at a pole a place has several meridians, and headings.
+            yield last + ((a[0] - at[0]) * (1 if a[1] > 0 else -1) if a[1] else 0.0)
         else:
-            known, (lon, lat) = courses[before][before < k], ends[k][:2]
-            # Only at a pole a place has several meridians, and headings.
-            yield known + ((lon - ends[before][2 * (before < k)]) * (1 if lat > 0 else -1) if lat else 0.0)
+            first, last = plane.courses(*a, *b)
+            at = b
+            yield first
 
 
 def _sides(ring: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
@@ -673,10 +661,10 @@ def _depth(a: Sequence[Point], b: Sequence[Point]) -> float:
     """Return how far two convex rings must be moved against each other so that they do not overlap."""
     least = inf
     for mine, other in ((a, b), (b, a)):
-        for (x0, y0), (x1, y1) in _sides(mine) if len(mine) > 1 else ():
+        for (x0, y0), (x1, y1) in _sides(mine):
             x, y = _unit((y1 - y0, x0 - x1))
             least = min(least, max(x * u + y * v for u, v in mine) - min(x * u + y * v for u, v in other))
-    return least if least < inf else 0.0
+    return least
 
 
 class Checker:
@@ -721,25 +709,25 @@ class Checker:
 
     def run(self) -> None:
         """Check that every pair is apart except during its reported conflicts, and that these are true."""
-        self.unproven += [f"{' and '.join(map(repr, keys))}: {why}" for keys, why in self.lacks() if why]
-
-    def lacks(self) -> Iterator[tuple[list[str], str]]:
-        """Yield keys of objects, and what they lack; empty: nothing."""
-        keys = [feature["id"] for feature in self.scene.features]
-        for p, q, turns in _meeting(self.scene):
-            pair = tuple(sorted((p.of, q.of)))
+        scene = self.scene
+        for p, q, turns in _meeting(scene):
             if min(p.late, q.late) < 0:
-                yield [keys[k] for k in pair], self.lacks_pair(pair, p, q, turns)
-        for late, one in enumerate(self.scene.delays):
-            if any(piece.late == late for piece in self.scene.pieces):
-                yield [one["delay"]], self.lacks_delay(late, one["least_us"], one["error_us"])
+                pair = tuple(sorted((p.of, q.of)))
+                self.note(pair, self.lacks_pair(pair, p, q, turns))
+        for late in sorted({piece.late for piece in scene.pieces if piece.late >= 0}):
+            self.note([scene.keys[scene.delays[late]["delay"]]], self.lacks_delay(late))
         for pair, (verdict, periods, error_s) in self.reported.items():
-            if self.scene.unproven.intersection(pair):
+            if scene.unproven.intersection(pair):
                 self.unchecked["verdicts on objects that are not checked"] += 1
             elif verdict != "conflict":
                 self.unchecked[f"verdicts: {verdict}"] += 1
             else:
-                yield [keys[k] for k in pair], self.lacks_conflict(pair, periods, error_s)
+                self.note(pair, self.lacks_conflict(pair, periods, error_s))
+
+    def note(self, objects: Iterable[int], why: str) -> None:
+        """Note what objects lack, if anything."""
+        if why:
+            self.unproven.append(f"{' and '.join(repr(self.scene.features[k]['id']) for k in objects)}: {why}")
 
     def lacks_pair(self, pair: Any, p: _Piece, q: _Piece, turns: int) -> str:
         """Return what two pieces whose boxes meet lack to be apart while nothing is reported; empty: nothing."""
@@ -802,8 +790,9 @@ class Checker:
         self.counts["periods proven"] += len(periods) * is_deep
         return "" if is_deep else "nothing proves that they come closer than the tolerance"
 
-    def lacks_delay(self, late: int, by_us: int, error_us: int) -> str:
+    def lacks_delay(self, late: int) -> str:
         """Return what a least delay lacks: contact with a delay that is smaller by the error; empty: nothing."""
+        by_us, error_us = (self.scene.delays[late][name] for name in ("least_us", "error_us"))
         for _, p, q, turns, s, *points in self.contacts[late]:
             one, other = (a.later(-error_us if by_us > 0 else error_us) if a.late >= 0 else a for a in (p, q))
             separation = self.scene.separation(p.of, q.of) if p.of != q.of and min(p.late, q.late) < 0 else None
