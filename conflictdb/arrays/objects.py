@@ -15,8 +15,8 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_take, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
-from conflictdb.model.plan_columns import AREA, TRACK
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track, has_unknown_times
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, TRACK, HeightLimit
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track, has_unknown_times, heights_of_legs
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +127,9 @@ class AreaBatch:
             np.ones(len(areas), dtype=np.int64),
             footprint,
             _activations(areas, [None if a.spans_us is None else _spans(a) for a in areas], outer_spans(areas)),
-            np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
-            np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
-            numbers_of_plans(AREA, areas),
-            flat,
+            numbers=numbers_of_plans(AREA, areas),
+            flat=flat,
+            **{one.whole: _heights(areas, one) for one in HEIGHT_LIMITS},
         )
 
 
@@ -161,6 +160,27 @@ def _spans(area: Area) -> list[tuple[int, int]]:
         (MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end)
         for start, end in area.spans_us or ()
     ]
+
+
+def _heights(plans: Sequence[Area | Track], limit: HeightLimit) -> NDArray[np.float64]:
+    """Return a height of plans (n,), infinite where unbounded."""
+    given = [getattr(one, limit.whole) for one in plans]
+    return np.array([limit.unbounded if height is None else height for height in given], np.float64)
+
+
+def leg_heights(
+    whole_m: NDArray[np.float64], of_legs: Sequence[NDArray[np.float64] | None], legs: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return a height at both ends of all legs of tracks (m, 2): those of legs or waypoints, else of the whole track.
+
+    whole_m, of_legs, legs : for each track; legs: their count
+    """
+    heights = np.repeat(whole_m, 2 * legs).reshape(-1, 2)
+    given = {i: own for i, own in enumerate(of_legs) if own is not None}
+    end = np.cumsum(legs) if given else legs
+    for i, own in given.items():
+        heights[end[i] - legs[i] : end[i]] = heights_of_legs(own, int(legs[i]))
+    return heights
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,13 +306,10 @@ class TrackBatch:
         """
         waypoint_offset = offsets([len(t.times_us) for t in tracks])
         legs = np.diff(waypoint_offset) - 1
-        lowest = np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], np.float64)
-        highest = np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], np.float64)
-        floor_m, ceiling_m = (np.repeat(whole, 2 * legs).reshape(-1, 2) for whole in (lowest, highest))
-        for i, track in enumerate(tracks):
-            if track.floors_m is not None or track.ceilings_m is not None:
-                of_legs = slice(waypoint_offset[i] - i, waypoint_offset[i + 1] - i - 1)
-                floor_m[of_legs], ceiling_m[of_legs] = track.heights_m()
+        heights: dict[str, Any] = {
+            one.whole: leg_heights(_heights(tracks, one), [getattr(t, one.of_legs) for t in tracks], legs)
+            for one in HEIGHT_LIMITS
+        }
         tolerances = np.empty(len(tracks), dtype=object)
         tolerances[:] = [track.tolerances for track in tracks]
         return cls(
@@ -308,9 +325,8 @@ class TrackBatch:
             departs=_departures([] if once else tracks, np.array([t.times_us[0] for t in tracks], np.int64)),
             outline_m=stacked([t.outline_m for t in tracks]),
             outlines_m=stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
-            floor_m=floor_m,
-            ceiling_m=ceiling_m,
             tolerances=tolerances,
+            **heights,
         )
 
     def departing(self, tracks: Sequence[Track]) -> Self:

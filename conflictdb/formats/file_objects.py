@@ -37,7 +37,7 @@ from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, columns_of
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, PLAN_COLUMNS, TRACK, Form, HeightLimit, columns_of
 from conflictdb.model.plans import (
     METRES_PER_NMI,
     Area,
@@ -289,7 +289,8 @@ def own_members(fields: Fields) -> dict[str, Any]:
     with fields.refusals:
         outlines = havens(fields)
         members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
-    members |= _heights(fields, "floor_m", -np.inf) | _heights(fields, "ceiling_m", np.inf)
+    for one in HEIGHT_LIMITS:
+        members |= _heights(fields, one)
     return {
         **members,
         "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
@@ -305,7 +306,7 @@ def activations(fields: Fields) -> dict[str, Any]:
 def _check_datum(fields: Fields, setting: FileContext) -> None:
     """Refuse heights that are said to be above another vertical datum than the scene's; the member stays a property."""
     stated = fields.values.get(DATUM)
-    if stated is not None and (fields.has("floor_m") or fields.has("ceiling_m")):
+    if stated is not None and any(fields.has(one.whole) for one in HEIGHT_LIMITS):
         rule = datum_rule(stated, setting.datum())
         with fields.refusals:
             if rule:
@@ -360,16 +361,17 @@ def _spans(who: str, value: Any) -> list[list[Any]]:
     ]
 
 
-def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
+def _heights(fields: Fields, limit: HeightLimit) -> dict[str, Any]:
     """Return a height of a track: one, or one per leg, null for unbounded."""
+    name = limit.whole
     value = fields.get(name)
     if not isinstance(value, list):
         return {name: fields.number(name)}
     heights = []
     for i, height in enumerate(value):
         with fields.refusals:
-            heights.append(unbounded if height is None else finite(fields.who, f"{name}[{i}]", height))
-    return {name.replace("_m", "s_m"): np.array(heights, dtype=np.float64)}
+            heights.append(limit.unbounded if height is None else finite(fields.who, f"{name}[{i}]", height))
+    return {limit.of_legs: np.array(heights, dtype=np.float64)}
 
 
 def haven(fields: Fields) -> NDArray[np.float64]:
@@ -497,10 +499,7 @@ def track_properties(item: Track) -> dict[str, Any]:
         **_haven_properties(item),
         **(item.tolerances or {}),
         **plain_properties(item),
-        **_present(
-            floor_m=None if item.floors_m is None else _listed(item.floors_m),
-            ceiling_m=None if item.ceilings_m is None else _listed(item.ceilings_m),
-        ),
+        **{one.whole: _listed(heights) for one in HEIGHT_LIMITS if (heights := getattr(item, one.of_legs)) is not None},
     }
 
 

@@ -9,7 +9,7 @@ from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.file_objects import SIDES, SIZES, SPEED, TIMES, TOLERANCES
 from conflictdb.formats.geometry import CIRCLE_TYPE, CUT_TRACK_TYPE, TRACK_TYPE
 from conflictdb.model import tolerances
-from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, columns_of
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, TRACK, Form, PlanColumn, columns_of
 from conflictdb.model.rules import MAX_RULES, MAX_WORD_BYTES, REPLACED, Rule
 from conflictdb.model.settings import MOST_DAYS, MOST_M, MOST_S, SETTINGS, Setting, SettingType
 
@@ -67,8 +67,7 @@ _OF_MEMBER: Final[dict[str, Schema]] = {
     **{name: {**_NUMBER, "minimum": 0} for name in SIZES},
     "outline_m": _RING,
     "outlines_m": {"type": "array", "items": _RING, "minItems": 1},
-    "floor_m": _each(_NUMBER_OR_NULL),
-    "ceiling_m": _each(_NUMBER_OR_NULL),
+    **{one.whole: _each(_NUMBER_OR_NULL) for one in HEIGHT_LIMITS},
     "departures": _listed(_INSTANT),
     "schedule": {"type": ["object", "array"], "minItems": 1},
     **{name: _each({**_NUMBER, "minimum": 0}) for name in (*tolerances.PER_LEG, "turn_radius_m")},

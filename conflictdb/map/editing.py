@@ -20,6 +20,7 @@ from conflictdb.jobs.detect import detect
 from conflictdb.jobs.plans_near import read_around
 from conflictdb.map.content import to_json
 from conflictdb.model.margin import NO_MARGIN, Margin
+from conflictdb.model.plan_columns import HEIGHT_LIMITS
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
@@ -110,13 +111,12 @@ def moved(track: Track, move: PlanMove) -> Track:
 
 def _higher(track: Track, up_m: float) -> dict[str, Any]:
     """Return the heights of a track that is so much higher."""
-    heights: dict[str, Any] = {
-        name: None if end is None else end + up_m for name in ("floor_m", "ceiling_m") for end in [getattr(track, name)]
+    return {
+        name: height + up_m
+        for one in HEIGHT_LIMITS
+        for name in (one.whole, one.of_legs)
+        if (height := getattr(track, name)) is not None
     }
-    for name in ("floors_m", "ceilings_m"):
-        if (each := getattr(track, name)) is not None:
-            heights[name] = each + up_m
-    return heights
 
 
 def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove, margin: Margin = NO_MARGIN) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs, plan_rules
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, check_schedule, departures_us, joined, spans_us
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, lose_convexity, mitred
+from conflictdb.model.plan_columns import HEIGHT_LIMITS
 from conflictdb.model.plan_rows import Broken, Many, Numbers, Rows, first_of, item, rows_of
 from conflictdb.model.settings import Motion
 from conflictdb.model.tolerances import as_members, tolerances_of
@@ -244,7 +245,7 @@ def _are_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
 
 
 def _keep_heights(who: str, track: Any) -> None:
-    for field, name in (("floors_m", "floor_m"), ("ceilings_m", "ceiling_m")):
+    for name, field, _ in HEIGHT_LIMITS:
         given = getattr(track, field)
         if given is not None:
             _set(track, **{field: inputs.heights_m(who, name, given)})
@@ -256,8 +257,7 @@ def _heights(tracks: Sequence[Any]) -> Broken:
     waypoints = _of_each(points)
     legs = rows_of(waypoints - 1)
     broken = legs.broken()
-    for field, unbounded in (("floors_m", -np.inf), ("ceilings_m", np.inf)):
-        name = field.replace("s_m", "_m")
+    for name, field, unbounded in HEIGHT_LIMITS:
         given = [getattr(track, field) for track in tracks]
         rows = rows_of(_of_each(0 if one is None else len(one) for one in given))
         heights = _together([np.empty(0) if one is None else one for one in given])
@@ -307,9 +307,9 @@ def _whole(track: Any, field: str) -> float | None:
 
 def _derive_heights(track: Any) -> None:
     """Take the band of the whole track from the heights of its legs."""
-    for field in ("floors_m", "ceilings_m"):
+    for name, field, _ in HEIGHT_LIMITS:
         if getattr(track, field) is not None:
-            _set(track, **{field.replace("s_m", "_m"): _whole(track, field)})
+            _set(track, **{name: _whole(track, field)})
 
 
 def _keep_tolerances(who: str, track: Any) -> None:
@@ -337,6 +337,6 @@ TRACK_FEW: Final = (
     FewColumns(("legs",), _keep_legs),
     FewColumns(("grow_mps",), _keep_growth, _growth, needs="outline"),
     FewColumns(("outlines_m",), _keep_outlines, _outlines, needs="outline"),
-    FewColumns(("floors_m", "ceilings_m"), _keep_heights, _heights, _derive_heights),
+    FewColumns(tuple(one.of_legs for one in HEIGHT_LIMITS), _keep_heights, _heights, _derive_heights),
     FewColumns(("tolerances",), _keep_tolerances, _tolerances),
 )

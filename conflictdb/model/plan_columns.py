@@ -22,7 +22,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -219,6 +219,17 @@ PLAN_COLUMNS: Final = (
         check=in_its_plan, sqlstate="ZC012",
     ),
 )  # fmt: skip
+
+
+class HeightLimit(NamedTuple):
+    """The columns of a floor or a ceiling: of a whole plan, and of the legs of a track; the height of no limit."""
+
+    whole: str
+    of_legs: str
+    unbounded: float
+
+
+HEIGHT_LIMITS: Final = (HeightLimit("floor_m", "floors_m", -np.inf), HeightLimit("ceiling_m", "ceilings_m", np.inf))
 
 
 def columns_of(kind: str, *forms: Form) -> Iterator[PlanColumn]:

@@ -22,7 +22,7 @@ from conflictdb.model.activations import INFINITY_US as INFINITY_US
 from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
 from conflictdb.model.few_rules import AREA_FEW, TRACK_FEW, FewColumns
 from conflictdb.model.few_rules import MAX_GROWTH_MPS as MAX_GROWTH_MPS
-from conflictdb.model.plan_columns import AREA, TRACK, PlanColumn, checked_columns, columns_of
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, TRACK, PlanColumn, checked_columns, columns_of
 from conflictdb.model.plan_rows import One
 from conflictdb.model.plan_rules import MAX_HAVEN_CORNERS as MAX_HAVEN_CORNERS
 from conflictdb.model.plan_rules import MAX_HAVEN_M as MAX_HAVEN_M
@@ -317,8 +317,7 @@ def is_idle(plan: Area | Track) -> bool:
 
 def has_heights(plan: Area | Track) -> bool:
     """Return whether a plan has a floor or a ceiling, also of single legs."""
-    names = ("floor_m", "ceiling_m", "floors_m", "ceilings_m")
-    return any(getattr(plan, name, None) is not None for name in names)
+    return any(getattr(plan, name, None) is not None for one in HEIGHT_LIMITS for name in (one.whole, one.of_legs))
 
 
 def has_size(track: Track) -> bool:

@@ -7,7 +7,7 @@ calls:
     begin_locked; the calls of `stored_pairs`, `known_pairs` and `write_rows`; commit
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,9 +17,9 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.column_numbers import NUMBERED
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import AreaBatch, TrackBatch, leg_heights
 from conflictdb.arrays.pieces import Bundles
-from conflictdb.model.plans import heights_of_legs
+from conflictdb.model.plan_columns import HEIGHT_LIMITS, HeightLimit
 from conflictdb.model.results import Kind
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call, call_many
@@ -82,6 +82,7 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
     """Decode areas from the columns of their rows (_area_row)."""
     footprint = np.empty(len(columns["area_id"]), dtype=object)
     footprint[:] = shapely.from_wkb(strings["footprint"])
+    heights: dict[str, Any] = {one.whole: _height(columns, one) for one in HEIGHT_LIMITS}
     return AreaBatch(
         columns["area_id"],
         columns["version"],
@@ -90,9 +91,8 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
             strings["activations"],
             np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
         ),
-        _height(columns["floor_m"], -np.inf),
-        _height(columns["ceiling_m"], np.inf),
-        _numbers(Kind.AREA, columns),
+        numbers=_numbers(Kind.AREA, columns),
+        **heights,
     )
 
 
@@ -101,9 +101,9 @@ def _numbers(kind: Kind, columns: Mapping[str, NDArray[Any]]) -> NDArray[np.int6
     return np.column_stack([columns[f"{one.name}_number"] for one in NUMBERED[kind]])
 
 
-def _height(heights_m: NDArray[np.float64], unbounded: float) -> NDArray[np.float64]:
-    """Return the heights of rows, where NaN is none."""
-    return np.where(np.isnan(heights_m), unbounded, heights_m)
+def _height(columns: Mapping[str, NDArray[Any]], limit: HeightLimit) -> NDArray[np.float64]:
+    """Return a height of rows, which have NaN for no limit."""
+    return np.where(np.isnan(columns[limit.whole]), limit.unbounded, columns[limit.whole])
 
 
 def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -131,6 +131,13 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
     outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
     tolerances = np.empty(len(columns["track_id"]), dtype=object)
     tolerances[:] = [decode_tolerances(one) for one in strings["tolerances"]]
+    legs = np.diff(waypoint_offset) - 1
+    heights: dict[str, Any] = {
+        one.whole: leg_heights(
+            _height(columns, one), [decode_heights(sent, one.unbounded) for sent in strings[one.of_legs]], legs
+        )
+        for one in HEIGHT_LIMITS
+    }
     return TrackBatch(
         track_id=columns["track_id"],
         version=columns["version"],
@@ -144,24 +151,9 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         departs=decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
         outline_m=outline_m,
         outlines_m=outlines_m,
-        floor_m=_leg_heights(_height(columns["floor_m"], -np.inf), strings["floors_m"], waypoint_offset, -np.inf),
-        ceiling_m=_leg_heights(_height(columns["ceiling_m"], np.inf), strings["ceilings_m"], waypoint_offset, np.inf),
         tolerances=tolerances,
+        **heights,
     )
-
-
-def _leg_heights(
-    whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
-) -> NDArray[np.float64]:
-    """Return the heights at both ends of each leg of all tracks (m, 2): its own where it has some, else the track's."""
-    legs = np.diff(waypoint_offset) - 1
-    heights = np.repeat(whole_m, 2 * legs).reshape(-1, 2)
-    start = np.cumsum(legs) - legs
-    for i in np.flatnonzero([bool(one) for one in sent]).tolist():
-        own = decode_heights(sent[i], unbounded)
-        assert own is not None  # noqa: S101
-        heights[start[i] : start[i] + legs[i]] = heights_of_legs(own, int(legs[i]))
-    return heights
 
 
 def order_of_all(conn: psycopg.Connection[Any], scene_id: int, objects: int) -> NDArray[np.int64] | None:

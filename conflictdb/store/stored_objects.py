@@ -20,7 +20,7 @@ from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model import many
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
-from conflictdb.model.plan_columns import AREA, TRACK, Form, PlanColumn, bytes_columns, columns_of
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, TRACK, Form, PlanColumn, bytes_columns, columns_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, StoredArea, StoredTrack, Track
 from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary
@@ -162,7 +162,7 @@ def plan_rows(areas: Sequence[Area], tracks: Sequence[Track]) -> str:
 
 
 def _track_fields(track: Track) -> dict[str, Any]:
-    heights = {"floors_m": track.floors_m, "ceilings_m": track.ceilings_m}
+    heights = {one.of_legs: getattr(track, one.of_legs) for one in HEIGHT_LIMITS}
     fields: dict[str, Any] = {
         name: None if given is None else [x if math.isfinite(x) else None for x in given.tolist()]
         for name, given in heights.items()
@@ -489,8 +489,10 @@ _OWN: Final = {
     "path": _RowCodec(_paths),
     "outline": _RowCodec(_havens),
     "outlines": _RowCodec(_each("outlines_m", _encoded_outlines)),
-    "floors_m": _RowCodec(_each("floors_m", _encoded_heights), partial(decode_heights, unbounded=-np.inf)),
-    "ceilings_m": _RowCodec(_each("ceilings_m", _encoded_heights), partial(decode_heights, unbounded=np.inf)),
+    **{
+        one.of_legs: _RowCodec(_each(one.of_legs, _encoded_heights), partial(decode_heights, unbounded=one.unbounded))
+        for one in HEIGHT_LIMITS
+    },
     "activations": _RowCodec(_unless_scheduled("spans_us", _multispans), _decoded_spans),
     "departures": _RowCodec(
         _unless_scheduled("departures_us", _instants), lambda sent: all_certain(decode_instants(sent))

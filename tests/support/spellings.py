@@ -4,8 +4,8 @@
 
 A block is a function, a class without its functions, a statement outside of them, a routine of sql/, or a function of
 the page. Names are those of the tables, of `Area` and `Track`, and of the rows that clients COPY. Lists that
-docs/plan_sql.py and docs/generate.py write are left out, and so are docstrings, comments, and the column `name`, which
-is too common a word.
+docs/plan_sql.py and docs/generate.py write are left out, and so are docstrings, comments, names that are called, the
+`search_path`, and the column `name`, which is too common a word.
 """
 
 import ast
@@ -26,10 +26,10 @@ _OF_NAME: Final = {
     "spans": "activations",
     "floors": "floors_m",
     "ceilings": "ceilings_m",
-    **dict.fromkeys(("footprint", "path", "geometry", "positions_deg", "times_us"), "shape"),
+    **dict.fromkeys(("footprint", "path", "geometry", "shape", "positions_deg", "times_us"), "shape"),
 }
 # Ordinary words of Python.
-_NOT_IN_PYTHON: Final = frozenset({"class", "path", "geometry"})
+_NOT_IN_PYTHON: Final = frozenset({"class", "path", "geometry", "shape"})
 _LIST: Final = re.compile(r"^ */\* (area|track|plan|piece) [a-z]+:.*?^ */\* end \*/$", re.MULTILINE | re.DOTALL)
 _MADE: Final = re.compile(r"^    # Made by docs/generate\.py\.\n(    .*\n)*", re.MULTILINE)
 _STATEMENT: Final = re.compile(r"^(?=(?:CREATE|COMMENT|DO|ALTER|INSERT|GRANT|REVOKE|DROP|SELECT)\b)", re.MULTILINE)
@@ -55,7 +55,7 @@ class Spelling(NamedTuple):
 
 def _pattern(names: Iterator[str]) -> re.Pattern[str]:
     words = "|".join(sorted(names, key=len, reverse=True))
-    return re.compile(rf"(?<![A-Za-z0-9])_?(?:p_|v_)?({words})(?![A-Za-z0-9])")
+    return re.compile(rf"(?<![A-Za-z0-9])_?(?:p_|v_)?({words})(?![A-Za-z0-9(])")
 
 
 _IN_SQL: Final = _pattern(iter(_OF_NAME))
@@ -80,25 +80,27 @@ def blocks_of_python(text: str) -> Iterator[tuple[str, int, str]]:
             for row in range(node.body[0].lineno - 1, node.body[0].end_lineno or 0):
                 lines[row] = ""
 
-    def blocks(body: list[ast.stmt], around: str) -> Iterator[tuple[str, int, str]]:
+    def of_body(body: list[ast.stmt], around: str) -> Iterator[tuple[str, int, str]]:
         for node in body:
             rows = set(range(node.lineno - 1, node.end_lineno or node.lineno))
             if isinstance(node, ast.ClassDef):
                 functions = [one for one in node.body if isinstance(one, ast.FunctionDef)]
-                yield from blocks([*functions], f"{node.name}.")
+                yield from of_body([*functions], f"{node.name}.")
                 for one in functions:
                     rows -= set(range(one.lineno - 1, one.end_lineno or one.lineno))
             name = getattr(node, "name", "") or re.split(r"\W", lines[node.lineno - 1], maxsplit=1)[0]
             yield around + name, node.lineno, "\n".join(lines[row] for row in sorted(rows))
 
-    yield from blocks(tree.body, "")
+    yield from of_body(tree.body, "")
 
 
-def _blocks(path: Path) -> Iterator[tuple[str, int, str]]:
+def blocks(path: Path) -> Iterator[tuple[str, int, str]]:
+    """Yield name, line and code of each block of a file."""
     text = path.read_text()
     if path.suffix == ".py":
         yield from blocks_of_python(_without(_MADE, text))
         return
+    text = text.replace("search_path", "")
     text = re.sub(r"--.*", "", _without(_LIST, text)) if path.suffix == ".sql" else re.sub(r"//.*", "", text)
     line = 1
     for part in (_STATEMENT if path.suffix == ".sql" else _OF_PAGE).split(text):
@@ -112,7 +114,7 @@ def spellings(at_least: int = AT_LEAST) -> Iterator[Spelling]:
     """Yield the places that name at least so many columns of a plan."""
     folders = ("conflictdb/**/*.py", "docs/*.py", "sql/*.sql", "conflictdb/map/page/**/*.js")
     for path in (path for one in folders for path in sorted(ROOT.glob(one))):
-        for block, line, text in _blocks(path):
+        for block, line, text in blocks(path):
             columns = columns_named(text, in_python=path.suffix == ".py")
             if len(columns) >= at_least:
                 yield Spelling(str(path.relative_to(ROOT)), block, line, columns)

@@ -4,9 +4,10 @@
 needs none of them (tests/paths/test_made_up_columns.py), one of the form OWN a codec in each of FORMS.
 """
 
+from pathlib import Path
 from typing import Final
 
-from spellings import AT_LEAST, blocks_of_python, columns_named, spellings
+from spellings import AT_LEAST, blocks, blocks_of_python, columns_named, spellings
 
 from conflictdb.model.plan_columns import PLAN_COLUMNS
 
@@ -15,18 +16,11 @@ HOMES: Final = {
     "conflictdb/model/plan_columns.py PLAN_COLUMNS": "the table",
     "conflictdb/model/plans.py Area": "fields for type checkers, and their documentation",
     "conflictdb/model/plans.py Track": "fields for type checkers, and their documentation",
-    "conflictdb/model/few_rules.py TRACK_FEW": "rules of the columns that few tracks have",
     "conflictdb/arrays/objects.py TrackBatch": "columns of arrays",
-    "conflictdb/arrays/objects.py TrackBatch.of": "columns of arrays",
 }
 # One codec for each column of the form OWN: shapes, times and heights of legs have another notation in each form.
 FORMS: Final = {
-    "conflictdb/arrays/arrow/object_rows.py _OWN": "Arrow",
     "conflictdb/formats/file_objects.py SCENE": "scene files: words about groups of members",
-    "conflictdb/formats/file_objects.py track_properties": "scene files, written",
-    "conflictdb/formats/json_schema.py _OF_MEMBER": "scene files: schema of each member",
-    "conflictdb/store/stored_objects.py _OWN": "rows",
-    "conflictdb/store/detections.py track_batch": "rows, read as arrays",
     "sql/44_attached_objects.sql _staged_tracks": "rows of attached tables, one for each waypoint",
     "sql/79_requests.sql _feature": "JSON of SQL, written",
     "sql/88_admit.sql _as_parameters": "JSON of SQL, read",
@@ -41,20 +35,18 @@ RULES: Final = {
     "sql/24_rough_pieces.sql _rough_pieces": "pieces of plans that are not cut",
     "sql/40_attachment_map.sql _check_map": "which fields of a map exclude each other",
     "sql/77_havens.sql havens": "motion",
-    "sql/78_explain.sql explain_conflict": "reasons",
 }
 # Parameters and results of public routines, which do not change with the table.
 PUBLIC: Final = {
     "sql/67_scenes_and_objects.sql list_objects": "what people look for in a list",
     "sql/79_requests.sql request_track_probe": "a track of few columns; request_plans_probe takes all",
 }
-# Of the same names, but of pieces, which the rule of a pair reads, or of former releases.
+# The same names in signatures of former releases.
 NOT_PLANS: Final = {
     "sql/06_retired.sql acknowledge": "signatures of routines of former releases",
-    "sql/86_admission_steps.sql _objects_near": "pieces",
 }
 PLACES: Final = HOMES | FORMS | RULES | PUBLIC | NOT_PLANS
-MOST: Final = 28
+MOST: Final = 19
 
 
 def test_no_other_place_spells_out_a_plan() -> None:
@@ -75,3 +67,10 @@ def test_a_spelling_is_found() -> None:
     assert (of[0], of[1], documentation[1]) == ("of", 2, 1)
     assert columns_named(documentation[2], in_python=True) == ()
     assert len(columns_named(of[2], in_python=True)) >= AT_LEAST
+
+
+def test_routines_and_the_search_path_are_no_columns(tmp_path: Path) -> None:
+    file = tmp_path / "a.sql"
+    file.write_text("CREATE FUNCTION f() SET search_path FROM CURRENT AS $$\n    SELECT outlines(t), t.shape, owner\n")
+    one = {block: text for block, _, text in blocks(file)}["f"]
+    assert columns_named(one, in_python=False) == ("owner", "shape")

@@ -20,7 +20,7 @@ from conflictdb.arrays.arrow.forms import INSTANT, Array, ArrowForm, Batch
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plan_columns import AREA, PLAN_COLUMNS, TRACK, Form, PlanColumn, columns_of
+from conflictdb.model.plan_columns import AREA, HEIGHT_LIMITS, PLAN_COLUMNS, TRACK, Form, PlanColumn, columns_of
 from conflictdb.model.plans import Area, StoredArea, StoredTrack, Track
 from conflictdb.model.results import Kind
 from conflictdb.model.rules import KINDS
@@ -363,8 +363,10 @@ _OWN: Final = {
     "times": _ArrowCodec(_INSTANTS, _of_times, _times),
     "outline_m": _ArrowCodec(_RING, _of_rings, _outline, _only_outline),
     "outlines_m": _ArrowCodec(pa.list_(_RING), _of_outlines, _outlines),
-    "floors_m": _ArrowCodec(_METRES, _of_heights, partial(_heights, unbounded=-np.inf)),
-    "ceilings_m": _ArrowCodec(_METRES, _of_heights, partial(_heights, unbounded=np.inf)),
+    **{
+        one.of_legs: _ArrowCodec(_METRES, _of_heights, partial(_heights, unbounded=one.unbounded))
+        for one in HEIGHT_LIMITS
+    },
     "properties": _ArrowCodec(pa.string(), _of_properties, _documents),
     "spans": _ArrowCodec(_INSTANTS, _of_spans, _spans),
     "departures": _ArrowCodec(_INSTANTS, _of_instants, _departures),
