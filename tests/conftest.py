@@ -3,7 +3,6 @@
 import gc
 import logging
 import os
-import shutil
 import subprocess
 import uuid
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import psycopg
 import pytest
 from commands import Run, runner
-from databases import TestServer, clean_up, run_home, shared_directory, test_server
+from databases import TestServer, begin, clean_up, run_home, test_server
 from forked_readers import forked_readers
 from hypothesis import HealthCheck, settings
 from lent_sessions import LentSessions
@@ -46,6 +45,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Give the run a name, which its workers share, and keep it away from the user's own databases."""
     config.stash[_RUN] = _worker_input(config).get("conflictdb_run") or uuid.uuid4().hex[:8]
     config.stash[_SERVERS] = set()
+    if not _worker_input(config):
+        begin(config.stash[_RUN])
     os.environ.pop("CONFLICTDB_DSN", None)
     os.environ.pop("CONFLICTDB_SCENE", None)
     os.environ.pop("CONFLICTDB_TZ", None)
@@ -83,7 +84,6 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove leftovers of the run: the process that began it does, once its workers have ended."""
     if not _worker_input(config):
         clean_up(config.stash[_RUN])
-        shutil.rmtree(shared_directory(), ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

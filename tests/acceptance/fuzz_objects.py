@@ -248,11 +248,12 @@ def is_surely_met(scene: Scene, thing: Hostile) -> bool:
 @contextmanager
 def database() -> Iterator[str]:
     """A database with the schema on an embedded server, for the time of a run."""
-    from databases import clean_up, test_server
+    from databases import begin, clean_up, test_server
 
     from conflictdb.jobs import schema
 
     run = f"fuzz{os.getpid()}"
+    begin(run)
     try:
         with test_server(run, "main") as server:
             dsn = server.clone(server.template(schema.upgrade), f"{server.prefix}_fuzz")

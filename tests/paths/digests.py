@@ -251,12 +251,13 @@ def main() -> int:
     names = [name for name in acceptance_scenes() if not options.names or any(part in name for part in options.names)]
     if options.solve and not options.record:
         return _report(names, None)
-    from databases import clean_up, test_server
+    from databases import begin, clean_up, test_server
 
     from conflictdb.client.database import connect
     from conflictdb.jobs import schema
 
     run = uuid.uuid4().hex[:8]
+    begin(run)
     try:
         with test_server(run, "main") as server:
             dsn = server.clone(server.template(schema.upgrade), f"{server.prefix}_digests")

@@ -9,9 +9,11 @@ The server comes from the first of these that there is; without any the run fail
 5. the packages of Debian or Ubuntu, fetched into the cache (unless CONFLICTDB_NO_DOWNLOAD=1)
 """
 
+import fcntl
 import gc
 import os
 import shutil
+import signal
 import tempfile
 import time
 import warnings
@@ -37,6 +39,10 @@ DOCKER_IMAGE = "postgis/postgis:16-3.4"
 _IN_MEMORY = Path("/dev/shm")  # noqa: S108 (for names of a run)
 # Bytes that must be free there. The server of a whole run takes 1.4 GB; Spark and the browser need memory, too.
 _LEAST_ROOM = 8 << 30
+# The server of a run that was killed ends in less.
+_MOST_S = 10.0
+# Of runs of this process. A lock ends when any descriptor of its file is closed: it is opened once.
+_LOCKS: dict[Path, int] = {}
 
 
 @dataclass(frozen=True)
@@ -173,8 +179,15 @@ def _available_memory() -> int:
     return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
 
 
+def begin(run: str) -> None:
+    """Hold the lock of a run until this process ends: then other runs may remove what it leaves."""
+    lock = os.open(_lock(run_home(run)), os.O_RDWR | os.O_CREAT, 0o600)
+    fcntl.lockf(lock, fcntl.LOCK_EX)  # forks do not inherit it
+    _LOCKS[_lock(run_home(run))] = lock
+
+
 def clean_up(run: str) -> None:
-    """Remove leftovers of a run, once its workers have ended."""
+    """Remove leftovers of a run, once its workers have ended, and of runs that were killed."""
     given = os.environ.get("CONFLICTDB_TEST_DSN")
     if given:
         left = TestServer(given, f"conflictdb_test_{run}", "")
@@ -182,15 +195,70 @@ def clean_up(run: str) -> None:
             left.drop(f"{left.prefix}_template")
             left.drop(f"{left.prefix}_making")
         except psycopg.OperationalError:
-            return  # the server could not be reached, which the tests have reported already
+            pass  # the server could not be reached, which the tests have reported already
     home = run_home(run)
-    end = time.monotonic() + WAIT_S
-    while server.status(home).pid is not None and time.monotonic() < end:
-        time.sleep(0.01)
+    _ends(home, WAIT_S)
+    _remove(home)
+    own = _LOCKS.pop(_lock(home), None)
+    _lock(home).unlink(missing_ok=True)
+    if own is not None:
+        os.close(own)
+    for lock in home.parent.glob(_lock(run_home("*")).name):
+        if lock not in _LOCKS:
+            _remove_killed(lock)
     for left_home in home.parent.glob(run_home("*").name):
-        # Also databases of killed runs, once they are old enough.
-        if left_home == home or (_age_s(left_home) > 86400 and _is_idle(left_home)):
+        # Of programs that hold no lock.
+        is_locked = _lock(left_home.with_name(left_home.name.removesuffix("-state"))).exists()
+        if not is_locked and _age_s(left_home) > 86400 and _is_idle(left_home):
             shutil.rmtree(left_home, ignore_errors=True)
+
+
+def _lock(home: Path) -> Path:
+    return home.with_name(f"{home.name}.lock")
+
+
+def _remove_killed(path: Path) -> None:
+    """Remove leftovers of a run that nobody runs any more, unless it is another user's."""
+    try:
+        lock = os.open(path, os.O_RDWR)
+    except OSError:
+        return
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        home = path.with_suffix("")
+        if os.fstat(lock).st_uid == os.geteuid() and _ends(home, _MOST_S):
+            _remove(home)
+            path.unlink(missing_ok=True)
+    except BlockingIOError:
+        return
+    finally:
+        os.close(lock)
+
+
+def _remove(home: Path) -> None:
+    for left in (home, home.with_name(f"{home.name}-state")):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _ends(home: Path, within_s: float) -> bool:
+    """End the programs of a run; return whether its server has ended within some time."""
+    _end_programs(home)
+    end = time.monotonic() + within_s
+    while not (is_idle := _is_idle(home)) and time.monotonic() < end:
+        time.sleep(0.01)
+    return is_idle
+
+
+def _end_programs(home: Path) -> None:
+    """End the programs of Python that tests of a run have begun, as workers that were killed leave them."""
+    begun = f"CONFLICTDB_HOME={home}".encode()
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            is_left = begun in (process / "environ").read_bytes().split(b"\0")
+            if is_left and "python" in (process / "exe").readlink().name and int(process.name) != os.getpid():
+                os.kill(int(process.name), signal.SIGKILL)
+        except OSError:  # it has ended, or is another user's
+            continue
 
 
 def _age_s(home: Path) -> float:
