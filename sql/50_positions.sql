@@ -174,6 +174,20 @@ $$;
 COMMENT ON FUNCTION _may_look() IS
 'Whether there is something to look at, and the transaction may: from now to its end no other one may.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._lock_looked_at() RETURNS SETOF bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN QUERY
+        SELECT s.scene_id FROM scene s
+        WHERE EXISTS (SELECT FROM live_state l WHERE l.scene_id = s.scene_id)
+           OR EXISTS (SELECT FROM live_conflict c WHERE c.scene_id = s.scene_id)
+        FOR KEY SHARE SKIP LOCKED;
+END
+$$;
+COMMENT ON FUNCTION _lock_looked_at() IS
+'Keeps the scenes that have states or alarms until the transaction ends, and returns their ids; without those that '
+'another session removes or renames.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
     p_most integer,
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
@@ -185,6 +199,8 @@ DECLARE
     v_look position_look;
     v_one record;
     v_count integer := 0;
+    v_scene_id bigint;
+    v_is_there boolean;
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
@@ -217,6 +233,13 @@ BEGIN
                OR (p.scene_id, p.instant, p.key) > (v_look.scene_id, v_look.instant, v_look.key))
         ORDER BY p.scene_id, p.instant, p.key LIMIT p_most LOOP
         v_count := v_count + 1;
+        IF v_one.scene_id IS DISTINCT FROM v_scene_id THEN
+            -- Whoever removes a scene locks it first, and then what the look writes.
+            PERFORM FROM scene s WHERE s.scene_id = v_one.scene_id FOR KEY SHARE;
+            v_is_there := FOUND;
+            v_scene_id := v_one.scene_id;
+        END IF;
+        CONTINUE WHEN NOT v_is_there;
         scene_id := v_one.scene_id;
         key := v_one.key;
         track_id := v_one.track_id;

@@ -34,16 +34,19 @@ DECLARE
     v_now timestamptz := to_timestamp(p_now_us / 1e6);
     v_heard_until timestamptz := v_now - make_interval(secs => _silent_after_s());
     v_step interval := p_step_us * interval '1 microsecond';
+    v_scene_ids bigint[];
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
     END IF;
+    v_scene_ids := ARRAY(SELECT _lock_looked_at());
     DELETE FROM live_state l
-        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = l.scene_id AND t.key = l.key);
+        WHERE l.scene_id = ANY (v_scene_ids)
+          AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = l.scene_id AND t.key = l.key);
     RETURN QUERY
         SELECT l.scene_id, l.key, t.track_id, t.version
         FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
-        WHERE l.state <> 'past its end' AND l.instant < v_heard_until
+        WHERE l.scene_id = ANY (v_scene_ids) AND l.state <> 'past its end' AND l.instant < v_heard_until
           AND NOT (l.state = 'silent'
                    AND ceil(extract(epoch FROM l.as_of - l.instant) / extract(epoch FROM v_step))
                        = ceil(extract(epoch FROM v_now - l.instant) / extract(epoch FROM v_step)));
@@ -60,15 +63,18 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._replanned(
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
+DECLARE
+    v_scene_ids bigint[];
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
     END IF;
+    v_scene_ids := ARRAY(SELECT _lock_looked_at());
     RETURN QUERY
         SELECT l.scene_id, l.key, t.track_id, t.version, (extract(epoch FROM l.instant) * 1000000)::bigint,
                ST_X(l.place), ST_Y(l.place), l.height_m, l.error_m
         FROM live_state l JOIN track t ON t.scene_id = l.scene_id AND t.key = l.key
-        WHERE t.version <> l.version ORDER BY l.scene_id, l.instant;
+        WHERE l.scene_id = ANY (v_scene_ids) AND t.version <> l.version ORDER BY l.scene_id, l.instant;
 END
 $$;
 COMMENT ON FUNCTION _replanned() IS

@@ -133,14 +133,17 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_now timestamptz := timestamptz 'epoch' + p_now_us * interval '1 microsecond';
     v_over timestamptz := v_now - p_ends_us * interval '1 microsecond';
+    v_scene_ids bigint[];
     v_one live_conflict;
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
     END IF;
+    v_scene_ids := ARRAY(SELECT _lock_looked_at());
     FOR v_one IN
         DELETE FROM live_conflict c
-            WHERE c.last_contact < v_over
+            WHERE c.scene_id = ANY (v_scene_ids) AND (
+               c.last_contact < v_over
                OR (c.reason = p_off AND c.as_of < v_over
                    AND NOT EXISTS (SELECT FROM live_state l
                                    WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key)
@@ -151,7 +154,7 @@ BEGIN
                OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
                           WHERE k <> ''
                             AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
-                            AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k))
+                            AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k)))
             RETURNING c.* LOOP
         PERFORM _note_alarm('ended', v_now, v_one);
     END LOOP;
