@@ -235,6 +235,10 @@ BEGIN
     DELETE FROM branch_edit e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM scene_lock l WHERE l.scene_id = OLD.scene_id;
     DELETE FROM admission_lock l WHERE l.scene_id = OLD.scene_id;
+    DELETE FROM position p WHERE p.scene_id = OLD.scene_id;
+    DELETE FROM live_state l WHERE l.scene_id = OLD.scene_id;
+    DELETE FROM live_conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM live_event e WHERE e.scene_id = OLD.scene_id;
     RETURN NULL;
 END
 $$;

@@ -102,6 +102,30 @@ $$;
 COMMENT ON FUNCTION _insert_positions(text, text[], bigint[], double precision[], double precision[]) IS
 'Inserts positions of tracks of a scene: PostgreSQL refuses COPY into tables with row-level security.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_track_with_positions() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    IF EXISTS (SELECT FROM position) THEN
+        -- Those that no look has seen are read after the states have got the new key.
+        UPDATE position p
+            SET key = r.key,
+                transaction_id = CASE WHEN pg_visible_in_snapshot(p.transaction_id, l.seen) THEN p.transaction_id
+                                      ELSE pg_current_xact_id() END
+            FROM (SELECT o.scene_id, o.key AS former_key, n.key FROM old_rows o JOIN new_rows n USING (track_id)
+                  WHERE o.key <> n.key) r
+            LEFT JOIN position_look l ON true
+            WHERE p.scene_id = r.scene_id AND p.key = r.former_key;
+    END IF;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_track_with_positions() IS
+'Trigger, once per statement: gives the positions of renamed tracks their new keys. Runs as its owner: nobody else '
+'changes positions. Restricted to the rows that the statement changed.';
+CREATE OR REPLACE TRIGGER track_with_positions_updated AFTER UPDATE ON track
+    REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_track_with_positions();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_with_positions() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
@@ -188,6 +212,33 @@ COMMENT ON FUNCTION _lock_looked_at() IS
 'Keeps the scenes that have states or alarms until the transaction ends, and returns their ids; without those that '
 'another session removes or renames.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._renames_since(
+    p_seen pg_snapshot, OUT edit_id bigint, OUT transaction_id xid8, OUT scene_id bigint, OUT keys text[],
+    OUT former_keys text[]
+) RETURNS SETOF record
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan AS $$
+#variable_conflict use_column
+BEGIN
+    RETURN QUERY
+        SELECT e.edit_id, e.transaction_id, e.scene_id, e.keys, e.former_keys FROM edit e
+        WHERE e.action = 'rename' AND e.kind IN ('area', 'track')
+          AND e.transaction_id >= pg_snapshot_xmin(p_seen) AND NOT pg_visible_in_snapshot(e.transaction_id, p_seen)
+          -- A restored database may have later ones.
+          AND e.transaction_id < pg_snapshot_xmax(pg_current_snapshot());
+END
+$$;
+COMMENT ON FUNCTION _renames_since(pg_snapshot) IS
+'Edits that gave objects other keys, of transactions that a snapshot does not contain.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_keys_stale() RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN EXISTS (SELECT FROM position_look l CROSS JOIN LATERAL _renames_since(coalesce(l.reading, l.seen)) r);
+END
+$$;
+COMMENT ON FUNCTION _are_keys_stale() IS
+'Whether objects got other keys since the look of this transaction began, so that it should be done again.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
     p_most integer,
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
@@ -201,6 +252,7 @@ DECLARE
     v_count integer := 0;
     v_scene_id bigint;
     v_is_there boolean;
+    v_is_renamed boolean := false;
 BEGIN
     IF NOT _may_look() THEN
         RETURN;
@@ -214,8 +266,12 @@ BEGIN
         v_look := (true, '1:1:', NULL, NULL, NULL, NULL);
         UPDATE position SET transaction_id = pg_current_xact_id()
             WHERE transaction_id > pg_current_xact_id();
+        v_look.reading := pg_current_snapshot();
+    ELSIF v_look.reading IS NULL THEN
+        v_look.reading := pg_current_snapshot();
+        -- Before positions that came under the new keys.
+        v_is_renamed := _follow_renames(v_look.seen, v_look.reading);
     END IF;
-    v_look.reading := coalesce(v_look.reading, pg_current_snapshot());
     FOR v_one IN
         SELECT p.scene_id, p.key, t.track_id, t.version, p.instant, ST_X(p.place) AS lon, ST_Y(p.place) AS lat,
                p.height_m, p.error_m
@@ -255,7 +311,7 @@ BEGIN
         UPDATE position_look l SET seen = v_look.seen, reading = v_look.reading, scene_id = v_one.scene_id,
                                    instant = v_one.instant, key = v_one.key;
     -- While there are no positions, an older snapshot serves as well; it must not become costly to compare with.
-    ELSIF v_count > 0 OR v_look.scene_id IS NOT NULL
+    ELSIF v_count > 0 OR v_is_renamed OR v_look.scene_id IS NOT NULL
        OR pg_snapshot_xmax(v_look.reading)::text::numeric - pg_snapshot_xmax(v_look.seen)::text::numeric > 10000 THEN
         UPDATE position_look l SET seen = v_look.reading, reading = NULL, scene_id = NULL, instant = NULL, key = NULL;
     END IF;

@@ -98,8 +98,10 @@ BEGIN
         NEW.acknowledged_by := NULL;
         NEW.acknowledged_at := NULL;
         NEW.acknowledged_for := NULL;
+        NEW.acknowledged_as := NULL;
     ELSE
         NEW.acknowledged_at := now();
+        NEW.acknowledged_as := NEW.verdict;
         IF NEW.acknowledged_by <> v_user
            AND right(NEW.acknowledged_by, length(v_user) + 3) <> ' (' || v_user || ')' THEN
             NEW.acknowledged_by := v_user;

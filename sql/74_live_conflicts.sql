@@ -104,6 +104,67 @@ COMMENT ON FUNCTION _note_alarm(text, timestamptz, live_conflict) IS
 'Records that an alarm has begun or ended, and notifies channel conflictdb_alarm; scene and keys are null if scenes '
 'are protected, or the names too long.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._follow_renames(
+    p_seen pg_snapshot, p_reading pg_snapshot
+) RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_edit record;
+    v_states live_state[];
+    v_alarms live_conflict[];
+    v_one live_conflict;
+    v_is_any boolean := false;
+BEGIN
+    FOR v_edit IN SELECT r.scene_id, r.keys, r.former_keys FROM _renames_since(p_seen) r
+                  JOIN scene s ON s.scene_id = r.scene_id
+                  WHERE pg_visible_in_snapshot(r.transaction_id, p_reading) ORDER BY r.edit_id LOOP
+        v_is_any := true;
+        PERFORM FROM scene s WHERE s.scene_id = v_edit.scene_id FOR KEY SHARE;
+        CONTINUE WHEN NOT FOUND;
+        v_states := ARRAY(SELECT l FROM live_state l
+                          WHERE l.scene_id = v_edit.scene_id AND l.key = ANY (v_edit.former_keys));
+        v_alarms := ARRAY(SELECT c FROM live_conflict c
+                          WHERE c.scene_id = v_edit.scene_id
+                            AND (c.key = ANY (v_edit.former_keys) OR c.other_key = ANY (v_edit.former_keys)));
+        CONTINUE WHEN v_states = '{}' AND v_alarms = '{}';
+        -- What is left of objects that had these keys before.
+        DELETE FROM live_state l WHERE l.scene_id = v_edit.scene_id AND l.key = ANY (v_edit.keys || v_edit.former_keys);
+        FOR v_one IN
+            DELETE FROM live_conflict c
+                WHERE c.scene_id = v_edit.scene_id
+                  AND (c.key = ANY (v_edit.keys || v_edit.former_keys)
+                       OR c.other_key = ANY (v_edit.keys || v_edit.former_keys))
+                RETURNING c.* LOOP
+            IF NOT v_one.key = ANY (v_edit.former_keys) AND NOT v_one.other_key = ANY (v_edit.former_keys) THEN
+                PERFORM _note_alarm('ended', clock_timestamp(), v_one);
+            END IF;
+        END LOOP;
+        INSERT INTO live_state
+            SELECT (jsonb_populate_record(l, jsonb_build_object('key', r.key))).*
+            FROM unnest(v_states) l JOIN unnest(v_edit.keys, v_edit.former_keys) r (key, former_key)
+                 ON r.former_key = l.key;
+        INSERT INTO live_conflict
+            SELECT (jsonb_populate_record(c, jsonb_build_object(
+                       'key', CASE WHEN n.is_turned THEN n.other_key ELSE n.key END,
+                       'other_key', CASE WHEN n.is_turned THEN n.key ELSE n.other_key END))).*
+            FROM unnest(v_alarms) c
+            LEFT JOIN unnest(v_edit.keys, v_edit.former_keys) a (key, former_key) ON a.former_key = c.key
+            LEFT JOIN unnest(v_edit.keys, v_edit.former_keys) b (key, former_key) ON b.former_key = c.other_key
+            CROSS JOIN LATERAL (
+                SELECT coalesce(a.key, c.key) AS key, coalesce(b.key, c.other_key) AS other_key,
+                       -- Two tracks are in the order of their keys.
+                       coalesce(b.key, c.other_key) <> ''
+                       AND coalesce(b.key, c.other_key) COLLATE "C" < coalesce(a.key, c.key) COLLATE "C"
+                       AND EXISTS (SELECT FROM object_key k WHERE k.scene_id = c.scene_id AND k.object_kind = 1
+                                   AND k.key = coalesce(b.key, c.other_key)) AS is_turned) n;
+    END LOOP;
+    RETURN v_is_any;
+END
+$$;
+COMMENT ON FUNCTION _follow_renames(pg_snapshot, pg_snapshot) IS
+'Gives the states and alarms of objects that got other keys since p_seen, and until p_reading, these keys; returns '
+'whether there were such objects.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._open_alarms(
     p_scene_id bigint, p_keys text[], OUT key text, OUT other_key text, OUT verdict text, OUT reason text,
     OUT first_us bigint, OUT last_us bigint, OUT lon double precision, OUT lat double precision, OUT as_of_us bigint
@@ -142,19 +203,18 @@ BEGIN
     v_scene_ids := ARRAY(SELECT _lock_looked_at());
     FOR v_one IN
         DELETE FROM live_conflict c
-            WHERE c.scene_id = ANY (v_scene_ids) AND (
-               c.last_contact < v_over
-               OR (c.reason = p_off AND c.as_of < v_over
-                   AND NOT EXISTS (SELECT FROM live_state l
-                                   WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key)
-                                     AND l.state = 'off'))
-               -- An area may have the key of a removed track.
-               OR NOT EXISTS (SELECT FROM live_state l
-                              WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key))
-               OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
-                          WHERE k <> ''
-                            AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = c.scene_id AND t.key = k)
-                            AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = c.scene_id AND a.key = k)))
+            WHERE c.scene_id = ANY (v_scene_ids)
+              AND (c.last_contact < v_over
+                   OR (c.reason = p_off AND c.as_of < v_over
+                       AND NOT EXISTS (SELECT FROM live_state l
+                                       WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key)
+                                         AND l.state = 'off'))
+                   -- An area may have the key of a removed track.
+                   OR NOT EXISTS (SELECT FROM live_state l
+                                  WHERE l.scene_id = c.scene_id AND l.key IN (c.key, c.other_key))
+                   OR EXISTS (SELECT FROM unnest(ARRAY[c.key, c.other_key]) k
+                              WHERE k <> ''
+                                AND NOT EXISTS (SELECT FROM object_key o WHERE o.scene_id = c.scene_id AND o.key = k)))
             RETURNING c.* LOOP
         PERFORM _note_alarm('ended', v_now, v_one);
     END LOOP;
@@ -196,13 +256,13 @@ BEGIN
             ON CONFLICT (scene_id, key, other_key) DO UPDATE
                 SET verdict = excluded.verdict, reason = excluded.reason, first_contact = excluded.first_contact,
                     last_contact = excluded.last_contact, place = excluded.place, as_of = excluded.as_of,
-                    -- What was acknowledged as may is not as must.
-                    acknowledged_by = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
+                    -- What was acknowledged as may is not as must; what was as must stays so, as latenesses waver.
+                    acknowledged_by = CASE WHEN c.acknowledged_as <> 'may' OR excluded.verdict = 'may'
                                            THEN c.acknowledged_by END,
-                    acknowledged_at = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
+                    acknowledged_at = CASE WHEN c.acknowledged_as <> 'may' OR excluded.verdict = 'may'
                                            THEN c.acknowledged_at END,
-                    acknowledged_for = CASE WHEN c.verdict <> 'may' OR excluded.verdict = 'may'
-                                           THEN c.acknowledged_for END
+                    acknowledged_for = CASE WHEN c.acknowledged_as <> 'may' OR excluded.verdict = 'may'
+                                            THEN c.acknowledged_for END
             RETURNING c.* LOOP
         IF v_one.alarm_id = 0 THEN
             v_one.alarm_id := nextval('conflict_seq');
@@ -231,9 +291,11 @@ COMMENT ON COLUMN live_conflicts.alarm_id IS 'Number of the alarm, one for each 
 COMMENT ON COLUMN live_conflicts.key IS 'Key of the track that is late, early, off or silent, or of the first of two.';
 COMMENT ON COLUMN live_conflicts.other_key IS 'Key of the other track or area; null: whatever is near, see reason.';
 COMMENT ON COLUMN live_conflicts.verdict IS
-'must: at all latenesses that are possible; may: at some; now: must, and it has begun and is not over.';
+'must: at all latenesses that are possible; may: at some, or at some that differ from these by less than a minute (see '
+'reason); now: must, and it has begun and is not over.';
 COMMENT ON COLUMN live_conflicts.reason IS
-'Why nothing better is known: off its plan, a lateness that exceeds delays_within_s, no stored delays; else null.';
+'Why nothing better is known: off its plan, a lateness that exceeds delays_within_s, no stored delays; or slack '
+'again; else null.';
 COMMENT ON COLUMN live_conflicts.first_contact IS
 'When, at the likeliest lateness that conflicts: the planned contact shifted; null: unknown.';
 COMMENT ON COLUMN live_conflicts.last_contact IS 'When it is over, at the latest; null: unknown.';
@@ -309,5 +371,6 @@ COMMENT ON COLUMN live_conflict.opened_at IS 'When the alarm began.';
 COMMENT ON COLUMN live_conflict.acknowledged_by IS 'Who acknowledged it; null: nobody.';
 COMMENT ON COLUMN live_conflict.acknowledged_at IS 'When; null: it is not.';
 COMMENT ON COLUMN live_conflict.acknowledged_for IS 'Why; null: it is not.';
+COMMENT ON COLUMN live_conflict.acknowledged_as IS 'The verdict then; null: it is not.';
 COMMENT ON COLUMN live_conflict.as_of IS 'When the look was.';
 COMMENT ON COLUMN live_state.slack_s IS 'Seconds until a conflict follows; null: none within what is stored.';

@@ -29,6 +29,7 @@ _NO_DELAYS: Final = "the scene stores no delays: set delays_within_s"
 _BEYOND: Final = "its lateness exceeds delays_within_s ({:g} s)"
 OFF_REASON: Final = "off its plan: it may be anywhere that it can reach"
 _LOST: Final = "off its plan when it was last heard of"
+_SLACK: Final = "they have slack again, less than {:g} s"
 
 _PLANNED: Final = "planned"
 _VERDICTS: Final = {"must": "must", _PLANNED: "must"}
@@ -93,6 +94,8 @@ def follow(
             continue
         elif last_us + ENDS_AT_US < now_us or not 0 < near.get(pair, ENDS_AT_US) < ENDS_AT_US:
             ended.append(pair)
+        else:
+            found[pair] = alarm._replace(verdict="may", reason=_SLACK.format(ENDS_AT_US / 1e6))
     store.put_alarms(conn, scene_id, now_us, found, ended, slack)
 
 

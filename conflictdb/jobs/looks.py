@@ -6,6 +6,7 @@ looks at a time; the others find nothing.
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -27,6 +28,12 @@ _NO_AREAS: Final = AreaBatch.of([])
 _AT_ONCE: Final = 20_000
 # Plans that a worker keeps cut, of each scene: some hundred megabytes.
 _MOST_PLANS: Final = 100_000
+# A look during which objects get other keys is done again, but not for ever.
+_ATTEMPTS: Final = 4
+
+
+class _StaleKeys(Exception):
+    """Objects got other keys during a look."""
 
 
 @dataclass(slots=True)
@@ -69,14 +76,23 @@ class Looks:
             their states are of
         """
         self.is_behind = False
+        for attempt in range(1, _ATTEMPTS + 1):
+            with suppress(_StaleKeys):
+                read = self._attempt(conn, now_us, is_silence_due=is_silence_due, is_last=attempt == _ATTEMPTS)
+                self.is_behind = read == _AT_ONCE
+                return read
+        raise AssertionError("the last attempt counts")
+
+    def _attempt(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool, is_last: bool) -> int:
         with store.transaction(conn):
             heard = store.new_positions(conn, _AT_ONCE)
-            is_behind = len(heard) == _AT_ONCE
             self._compare_all(conn, heard, now_us)
-            if is_silence_due and not is_behind:
+            if is_silence_due and len(heard) < _AT_ONCE:
                 self._compare_all(conn, store.replanned(conn), now_us, is_again=True)
                 self._look_for_silence(conn, now_us)
-        self.is_behind = is_behind
+            # An alarm under the former key would end, and begin again.
+            if not is_last and store.are_keys_stale(conn):
+                raise _StaleKeys
         return len(heard)
 
     def _compare_all(

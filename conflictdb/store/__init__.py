@@ -106,6 +106,7 @@ if TYPE_CHECKING:
         LiveTrack,
         Straying,
         Unheard,
+        are_keys_stale,
         end_alarms,
         following,
         insert_positions,

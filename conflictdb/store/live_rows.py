@@ -130,6 +130,11 @@ def new_positions(conn: psycopg.Connection[Any], most: int) -> list[Heard]:
     return [Heard(*row) for row in call_many(conn, "_new_positions", most)]
 
 
+def are_keys_stale(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether objects got other keys since the look of the open transaction began."""
+    return bool(call(conn, "_are_keys_stale")[0])
+
+
 def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:
     """Return the last positions of tracks that changed since they were compared, in the open transaction."""
     return [Heard(*row) for row in call_many(conn, "_replanned")]

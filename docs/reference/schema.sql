@@ -267,7 +267,8 @@ TABLE live_conflict (
     acknowledged_by text,
     acknowledged_at timestamp with time zone,
     acknowledged_for text,
-    as_of timestamp with time zone NOT NULL
+    as_of timestamp with time zone NOT NULL,
+    acknowledged_as text
 );
 
 TABLE live_event (
@@ -1173,6 +1174,7 @@ CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (s
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
 CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_kind, other_id);
 CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
+CREATE INDEX edit_renames_btree ON conflictdb.edit USING btree (transaction_id) WHERE (action = 'rename'::text);
 CREATE INDEX edit_scene_btree ON conflictdb.edit USING btree (scene_id, edit_id);
 CREATE INDEX live_conflict_other_btree ON conflictdb.live_conflict USING btree (scene_id, other_key);
 CREATE INDEX live_event_scene_id_btree ON conflictdb.live_event USING btree (scene_id, live_event_id);
@@ -1278,6 +1280,7 @@ CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW T
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER track_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('1', 'track_id') -- replicas;
 CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+CREATE TRIGGER track_with_positions_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_track_with_positions();
 
 FUNCTION _acknowledge_alarm(p_scene_id bigint, p_a_key text, p_b_key text, p_reason text, p_by text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1348,6 +1351,9 @@ FUNCTION _after_scene_resettled()
 FUNCTION _after_scene_with_positions()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _after_track_with_positions()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _allowed_types(p_scene_id bigint)
     RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1365,6 +1371,9 @@ FUNCTION _are_covered(p_scene_id bigint)
 
 FUNCTION _are_features(p_plans jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _are_keys_stale()
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1816,6 +1825,9 @@ FUNCTION _follow_attachment(p_attachment_id bigint, p_waits boolean, OUT is_done
 FUNCTION _follow_parent(p_branch_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _follow_renames(p_seen pg_snapshot, p_reading pg_snapshot)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -2079,6 +2091,9 @@ FUNCTION _live_states(p_scene_id bigint, p_keys text[], OUT key text, OUT state 
 
 FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint, OUT stored bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
+FUNCTION _lock_looked_at()
+    RETURNS SETOF bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -2439,6 +2454,9 @@ FUNCTION _release_probe(p_probe_id bigint)
 
 FUNCTION _remove_stamp(p_worker_id uuid)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
+
+FUNCTION _renames_since(p_seen pg_snapshot, OUT edit_id bigint, OUT transaction_id xid8, OUT scene_id bigint, OUT keys text[], OUT former_keys text[])
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _renew_acknowledgements(p_scene_id bigint, p_first_event bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e3405465289ee7a3c4311f4dfcabf7055ecefe35f58ca88fbfe745c938cd688f"
+routines_sha256 = "c00ecf8a71c4f440ab452dae70f919e7e86f96762fd01abca6cda22e8dbb027c"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -24,10 +24,22 @@ ALTER TABLE conflictdb.position_look
     DROP CONSTRAINT IF EXISTS position_look_parts,
     ADD CONSTRAINT position_look_parts CHECK (num_nulls(reading, scene_id, instant, key) IN (0, 4))
 """
+# As which verdict an alarm was acknowledged.
+ACKNOWLEDGED_AS = """
+ALTER TABLE conflictdb.live_conflict ADD COLUMN IF NOT EXISTS acknowledged_as text;
+UPDATE conflictdb.live_conflict SET acknowledged_as = verdict
+    WHERE acknowledged_at IS NOT NULL AND acknowledged_as IS NULL
+"""
+# Looks follow renames by their transactions; few edits are renames.
+EDIT_RENAMES = """
+CREATE INDEX IF NOT EXISTS edit_renames_btree ON conflictdb.edit (transaction_id) WHERE action = 'rename'
+"""
 
 
 def upgrade() -> None:
     op.execute(POSITION_LOOK)
+    op.execute(ACKNOWLEDGED_AS)
+    op.execute(EDIT_RENAMES)
 
 
 def downgrade() -> None:

@@ -118,3 +118,158 @@ def test_a_scene_that_is_being_removed_is_left_out_of_the_search_for_silence(sea
         other.rollback()
     look(sea, 25)
     assert sea.execute(states).fetchall() == [("s", "silent"), ("t", "silent")]
+
+
+def acknowledged(conn: Conn) -> Any:
+    (found,) = conn.execute("SELECT acknowledged_for FROM conflictdb.live_conflicts").fetchone() or ("no alarm",)
+    conn.commit()
+    return found
+
+
+def test_an_alarm_that_has_slack_again_is_may_until_it_ends(sea: Conn) -> None:
+    """10 minutes late the ferry meets the tow, and 8 minutes late it passes with less than a minute to spare."""
+    put(sea, 20, 10)
+    ((pair, (verdict, number)),) = look(sea, 20).items()
+    assert (pair, verdict) == (("FERRY", "TOW"), "must")
+    with connect(sea) as db:
+        db.scene("s").acknowledge("FERRY", "TOW", "known")
+    put(sea, 21, 8.0)
+    assert look(sea, 21) == {pair: ("may", number)}
+    (slack,) = sea.execute("SELECT slack_s FROM conflictdb.live WHERE key = 'FERRY'").fetchone() or ()
+    (reason,) = sea.execute("SELECT reason FROM conflictdb.live_conflicts").fetchone() or ()
+    assert 0 < slack < 60
+    assert reason == "they have slack again, less than 60 s"
+    assert acknowledged(sea) == "known"
+    # It was acknowledged as must, which it is again.
+    put(sea, 22, 10)
+    assert look(sea, 22) == {pair: ("must", number)}
+    assert acknowledged(sea) == "known"
+    put(sea, 23, 0)
+    assert look(sea, 23) == {}
+    assert begun(sea) == [("begun", *pair), ("ended", *pair)]
+
+
+def test_what_is_acknowledged_as_may_is_not_as_must(sea: Conn) -> None:
+    put(sea, 20, 10)
+    look(sea, 20)
+    put(sea, 21, 8.0)
+    ((_, (verdict, _)),) = look(sea, 21).items()
+    assert verdict == "may"
+    with connect(sea) as db:
+        db.scene("s").acknowledge("FERRY", "TOW", "parting")
+    put(sea, 21.5, 8.0)
+    look(sea, 21.5)
+    assert acknowledged(sea) == "parting"
+    put(sea, 22, 10)
+    look(sea, 22)
+    assert acknowledged(sea) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "new", "pair"),
+    [
+        ("FERRY", "NEW", ("NEW", "TOW")),
+        ("FERRY", "ZULU", ("TOW", "ZULU")),  # pairs are in the order of keys
+        ("TOW", "ALPHA", ("ALPHA", "FERRY")),
+        ("TOW", "NEW", ("FERRY", "NEW")),
+    ],
+)
+@pytest.mark.parametrize("when", ["before a look", "while a look reads", "while a look searches"])
+def test_a_renamed_object_keeps_its_alarm(
+    sea: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch, key: str, new: str, pair: tuple[str, str], when: str
+) -> None:
+    """With its number and acknowledgement; nothing begins or ends."""
+    put(sea, 27, 10)
+    ((_, found),) = look(sea, 27).items()
+    with connect(sea) as db:
+        db.scene("s").acknowledge("FERRY", "TOW", "known")
+    put(sea, 28, 10)
+    sea.commit()
+    ferry = new if key == "FERRY" else "FERRY"
+
+    def rename() -> None:
+        with psycopg.connect(dsn) as other:
+            other.execute("SELECT conflictdb.rename_object('s', %s, %s)", [key, new])
+            other.commit()
+            put(other, 28.5, 10, key=ferry)
+
+    if when == "before a look":
+        rename()
+    else:
+        name = "live_states" if when == "while a look reads" else "unheard"
+        whole = getattr(store, name)
+
+        def renamed(*given: Any) -> Any:
+            rename()
+            monkeypatch.setattr(store, name, whole)
+            return whole(*given)
+
+        monkeypatch.setattr(store, name, renamed)
+        look(sea, 28)
+    assert look(sea, 28.5) == {pair: found}
+    assert look(sea, 28.5) == {pair: found}
+    assert acknowledged(sea) == "known"
+    put(sea, 29, 10, key=ferry)
+    assert look(sea, 29) == {pair: found}
+    assert begun(sea) == [("begun", "FERRY", "TOW")]
+    assert sea.execute("SELECT DISTINCT key FROM conflictdb.position").fetchall() == [(ferry,)]
+    assert sea.execute("SELECT key, instant FROM conflictdb.live").fetchall() == [
+        (ferry, BEGAN + timedelta(minutes=29))
+    ]
+
+
+def test_an_alarm_with_a_renamed_area_stays(sea: Conn) -> None:
+    sea.execute("SELECT conflictdb.put_area('s', 'DIVING', ST_MakeEnvelope(0.7, -0.01, 0.72, 0.01, 4326), "
+                "tstzrange(%s, %s))", [BEGAN + timedelta(minutes=50), BEGAN + timedelta(minutes=54)])  # fmt: skip
+    sea.commit()
+    detect.detect(sea, "s", jobs=1)
+    put(sea, 28, 10)
+    before = look(sea, 28)
+    sea.execute("SELECT conflictdb.rename_object('s', 'DIVING', 'A')")
+    after = look(sea, 28.2)
+    assert before == {("FERRY", "DIVING"): after["FERRY", "A"], ("FERRY", "TOW"): after["FERRY", "TOW"]}
+    assert len(after) == 2
+
+
+def test_a_key_that_is_free_again_brings_no_alarm_of_its_former_object(sea: Conn) -> None:
+    """The alarm of a removed object ends, though another one gets its key before the next look."""
+    put(sea, 28, 10)
+    ((_, (_, number)),) = look(sea, 28).items()
+    third = Track("THIRD", [(0.0, 5.0), (1.0, 5.0)], [us(0), us(60)], rectangle_outline_m(500, 500, 500, 500))
+    with connect(sea) as db:
+        db.scene("s").put(third)
+        sea.execute(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', 'THIRD', %s, 'SRID=4326;POINT(0.45 5)')", [BEGAN + timedelta(minutes=27)],
+        )  # fmt: skip
+        look(sea, 28)
+        sea.execute("SELECT conflictdb.remove_object('s', 'FERRY')")
+        sea.commit()
+        db.scene("s").rename_object("THIRD", "FERRY")
+        db.scene("s").detect()
+    assert look(sea, 28.2) == {}
+    assert begun(sea) == [("begun", "FERRY", "TOW"), ("ended", "FERRY", "TOW")]
+    assert sea.execute("SELECT key, ST_Y(place) FROM conflictdb.live").fetchall() == [("FERRY", 5.0)]
+    assert number
+
+
+def test_keys_go_round_and_bring_their_states(sea: Conn) -> None:
+    """Two objects exchange their keys between two looks."""
+    put(sea, 28, 10)
+    ((_, found),) = look(sea, 28).items()
+    sea.execute("UPDATE conflictdb.track SET key = 'X' WHERE key = 'TOW'")
+    sea.execute("UPDATE conflictdb.track SET key = 'TOW' WHERE key = 'FERRY'")
+    sea.execute("UPDATE conflictdb.track SET key = 'FERRY' WHERE key = 'X'")
+    assert look(sea, 28.2) == {("FERRY", "TOW"): found}
+    assert sea.execute("SELECT key, state FROM conflictdb.live").fetchall() == [("TOW", "late")]
+
+
+def test_nothing_is_left_of_a_scene_whose_removal_was_replicated(sea: Conn) -> None:
+    """Foreign keys do not hold there: an alarm that was left would fail each look."""
+    put(sea, 28, 10)
+    assert len(look(sea, 28)) == 1
+    sea.execute("SET LOCAL session_replication_role = replica")
+    sea.execute("DELETE FROM conflictdb.scene WHERE name = 's'")
+    assert look(sea, 29) == {}
+    for table in ("position", "live_state", "live_conflict", "live_event"):
+        assert sea.execute(f"SELECT count(*) FROM conflictdb.{table}".encode()).fetchone() == (0,), table
