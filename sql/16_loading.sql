@@ -119,13 +119,19 @@ BEGIN
     SELECT (SELECT count(*) FROM pg_temp.staged_area) + (SELECT count(*) FROM pg_temp.staged_track) INTO v_total;
 
     -- Delete first: a key may pass from an area to a track.
-    DELETE FROM area a WHERE a.scene_id = v_scene_id
-        AND CASE WHEN p_merge THEN EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = a.key)
-                 ELSE NOT EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = a.key) END;
-    GET DIAGNOSTICS removed = ROW_COUNT;
-    DELETE FROM track t WHERE t.scene_id = v_scene_id
-        AND CASE WHEN p_merge THEN EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = t.key)
-                 ELSE NOT EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = t.key) END;
+    IF p_merge THEN
+        -- By the staged keys: a merge of few objects reads few of the scene's.
+        DELETE FROM area a USING pg_temp.staged_track n WHERE a.scene_id = v_scene_id AND a.key = n.key;
+        GET DIAGNOSTICS removed = ROW_COUNT;
+        DELETE FROM track t USING pg_temp.staged_area n WHERE t.scene_id = v_scene_id AND t.key = n.key;
+    ELSE
+        -- By a table of hashes: for a scene that statistics do not know, NOT EXISTS compares all keys with all.
+        DELETE FROM area a WHERE a.scene_id = v_scene_id
+            AND (EXISTS (SELECT FROM pg_temp.staged_area n WHERE n.key = a.key)) IS FALSE;
+        GET DIAGNOSTICS removed = ROW_COUNT;
+        DELETE FROM track t WHERE t.scene_id = v_scene_id
+            AND (EXISTS (SELECT FROM pg_temp.staged_track n WHERE n.key = t.key)) IS FALSE;
+    END IF;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     removed := removed + v_rows;
 

@@ -259,6 +259,26 @@ def test_one_change_reads_what_it_touches_while_the_statistics_know_of_many_mark
     assert conn.execute(objects).fetchall() == [(COUNT, COUNT)]
 
 
+def test_merge_of_few_objects_reads_few_of_the_scene(conn: Conn, plans: list[dict[str, Any]]) -> None:
+    """A key may pass between areas and tracks: the other kind was searched row by row."""
+    hull_m, path = np.zeros((1, 2)), np.array([[0.0, 0.0], [0.1, 0.1]])
+    ships = [Track(f"T{i}", path, [T0_US, T0_US + 3_600_000_000], hull_m) for i in range(COUNT)]
+    load(conn, Scene("s"), grid(), ships)
+    conn.execute("ANALYZE")
+    conn.commit()
+    plans.clear()
+    few, passed = [*grid(changed=True)[:3], replace(grid()[9], key="T3")], [replace(ships[9], key="A40")]
+    merged = store.replace_scene(conn, Scene("s"), few, passed, merge=True)
+    assert (merged.added, merged.removed, merged.updated) == (2, 2, 3)
+    assert [plan["query"] for plan in plans if max(plan["waste"], plan["read"]) > 50] == []
+    # And all of another scene, that the statistics do not know, without comparing all with all.
+    load(conn, Scene("other"), grid(), ships)
+    plans.clear()
+    merged = store.replace_scene(conn, Scene("other"), grid(changed=True), ships, merge=True)
+    assert (merged.added, merged.removed, merged.updated) == (0, 0, COUNT)
+    assert [plan["query"] for plan in plans if plan["waste"] > 40 * COUNT] == []
+
+
 def test_one_change_starts_no_parallel_workers(conn: Conn, plans: list[dict[str, Any]]) -> None:
     """Two workers for eleven events took 50 ms of 70 in a database of 40,000 events; here they seem to cost nothing."""
     load(conn, Scene("s"), grid(), [])
