@@ -37,9 +37,10 @@ import conflictdb
 from conflictdb import Area, Scene, Track
 from conflictdb.formats import read
 from conflictdb.formats.scene_file import scene_text
+from conflictdb.model.rules import KINDS
 from conflictdb.store import copy_binary
 from conflictdb.store.connection import call
-from conflictdb.store.stored_objects import _staged_areas, _staged_tracks
+from conflictdb.store.stored_objects import _staged
 
 OBJECTS: Final = (2_000, 20_000, 200_000)
 SEED: Final = 1
@@ -98,7 +99,7 @@ def loaded(dsn: str, path: Path) -> tuple[dict[str, tuple[float, float, float]],
 def alone(dsn: str, path: Path) -> tuple[float, float]:
     """Parse a file, and COPY its rows into plain tables; return seconds of the client and of the server."""
     contents = read(path, max_file_mb=MAX_FILE_MB)
-    columns = {"area": _staged_areas(contents.areas), "track": _staged_tracks(contents.tracks)}
+    columns = {kind: _staged(kind, plans) for kind, plans in zip(KINDS, (contents.areas, contents.tracks), strict=True)}
     encoded = {kind: copy_binary.rows(some) for kind, some in columns.items()}
     with path.open() as file:
         began = time.process_time()

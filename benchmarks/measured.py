@@ -94,10 +94,7 @@ def fresh_database(target: str | None) -> Iterator[str]:
 
 def load(db: conflictdb.Database, scene: Scene, parts: Iterable[tuple[Sequence[Area], Sequence[Track]]]) -> None:
     """Replace a scene by objects that come in parts, and let the server take stock of them as autovacuum would."""
-    merge = False
-    for areas, tracks in parts:
-        store.replace_scene(db.connection, scene, areas, tracks, merge=merge)
-        merge = True
+    store.replace_scene_by_parts(db.connection, scene, parts, merge=False)
     db.connection.autocommit = True
     db.connection.execute("VACUUM ANALYZE")
     db.connection.autocommit = False

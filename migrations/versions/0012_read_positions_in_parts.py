@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c00ecf8a71c4f440ab452dae70f919e7e86f96762fd01abca6cda22e8dbb027c"
+routines_sha256 = "f25e1ed22ce27891acc4ae2c5633388a643d60001d44135e4798fd796ab1a4ea"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
