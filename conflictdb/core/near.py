@@ -92,7 +92,8 @@ class PairSource(Protocol):
         """Yield the pairs of pieces (a, b) that a question asks for, in chunks of pieces and pairs.
 
         All pairs of the same two objects are in one chunk. Otherwise chunks are of any size that fits the memory. Only
-        answers stay in memory after a chunk.
+        answers stay in memory after a chunk. a is of the object with the smaller number, and seam copies are beside
+        their originals: rounding depends on the order, and of contacts that begin together the first is reported.
         """
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -158,17 +159,30 @@ class Memory:
 
     def pairs(self, question: Question) -> Iterator[Chunk]:
         """Implement `PairSource`."""
-        pieces, number = self.pieces, self.number
-        if question.mine is None and pieces.turn.any():
-            # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
-            # reported.
-            order = np.lexsort((-pieces.turn, pieces.part, number))
+        pieces, number, mine = self.pieces, self.number, question.mine
+        order = np.lexsort((-pieces.turn, pieces.part, number)) if pieces.turn.any() else np.arange(len(pieces))
+        if pieces.turn.any():
             pieces, number = pieces.take(order), number[order]
         at_once = DEFAULT_MEMORY.pairs
-        found = [self.rows(question)] if question.mine is not None else batches(pieces, at_once, question.within_us)
+        found = batches(pieces, at_once, question.within_us) if mine is None else [self._in_order(question, order)]
         for a, b in found:
             for rows in chunks_of_objects(number[a], number[b], at_once):
                 yield Chunk(pieces, PieceRows(a[rows]), PieceRows(b[rows]))
+
+    def _in_order(self, question: Question, order: _Ints) -> tuple[PieceRows, PieceRows]:
+        """Return the rows of pairs as `pairs` does, among the pieces in an order."""
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        pieces = self.pieces
+        if question.any_height:
+            all_m = np.full(len(pieces), np.inf)
+            pieces = replace(pieces, floor_m=-all_m, ceiling_m=all_m)
+        # `rows` finds pairs that share only an end, too.
+        a, b = pairs_together(pieces, *self.rows(question), question.within_us)
+        is_first = self.number[a] < self.number[b]
+        a, b = PieceRows(place[np.where(is_first, a, b)]), PieceRows(place[np.where(is_first, b, a)])
+        sorted_rows = np.lexsort((b, a))
+        return PieceRows(a[sorted_rows]), PieceRows(b[sorted_rows])
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """Implement `PairSource`."""
@@ -179,7 +193,10 @@ class Memory:
         return self._batches[1].take(track_ids)
 
     def rows(self, question: Question) -> tuple[PieceRows, PieceRows]:
-        """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps."""
+        """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps.
+
+        Of a question with `mine` also pairs that share only the end of a span, in any order; `pairs` leaves them out.
+        """
         if question.mine is None:
             return candidates(self.pieces, question.within_us)
         pieces, number, mine = self.pieces, self.number, question.mine
