@@ -94,19 +94,13 @@ def _with_parts(setup: Setup, pieces: Pieces, areas: AreaBatch) -> tuple[Pieces,
     is_area = pieces.kind == Kind.AREA.code
     flat = planar(setup.plane, areas.footprint) if areas.flat is None else areas.flat
     several = np.unique(pieces.object_id[is_area & (pieces.part > 0)])
-    parts: dict[int, list[list[int]]] = {}
-    whole = []
-    for number in several.tolist():
-        found = _corners_of_parts(flat[number], areas.footprint[number])
-        if found is None or len(found) == 0:
-            whole.append(number)
-        else:
-            parts[number] = found
+    parts = dict(zip(several.tolist(), _corners_of_parts(flat[several], areas.footprint[several]), strict=True))
+    whole = [number for number, found in parts.items() if not found]
+    for number in whole:
+        del parts[number]
     # Areas with several spans have more pieces than parts.
     of_area = np.flatnonzero(is_area)
-    has_one = np.array([number for number in several.tolist() if len(parts.get(number, ())) == 1], np.int64)
-    for number in has_one.tolist():
-        del parts[number]
+    parts = {number: found for number, found in parts.items() if len(found) > 1}
     if whole:
         hulls = dict(zip(whole, shapely.convex_hull(flat[whole]), strict=True))
         pieces = _as_one_piece(pieces, hulls)
@@ -115,43 +109,50 @@ def _with_parts(setup: Setup, pieces: Pieces, areas: AreaBatch) -> tuple[Pieces,
     east = np.zeros(len(pieces))
     if setup.plane.turn_m and len(of_area):
         west = shapely.bounds(flat)[:, 0][pieces.object_id[of_area]]
+        corners = {number: _corners(shapely.get_parts(flat[[number]]))[0][:, 0] for number in parts}
         for k in np.flatnonzero(np.isin(pieces.object_id[of_area], list(parts))).tolist():
             number = int(pieces.object_id[of_area[k]])
             part = parts[number][int(pieces.part[of_area[k]]) % len(parts[number])]
-            west[k] = _corners(flat[number])[part, 0].min()
+            west[k] = corners[number][part].min()
         east[of_area] = np.minimum.reduceat(pieces.shape_xy[:, 0], pieces.shape_offset[:-1])[of_area] - west
     return pieces, parts, east
 
 
-def _corners_of_parts(flat: shapely.Geometry, footprint: shapely.Geometry) -> list[list[int]] | None:
-    """Return the corners of the parts of an area, as places among the corners of its rings; None: they are others."""
-    polygons = shapely.get_parts(flat)
-    if len(polygons) != shapely.get_num_geometries(footprint):
-        return None
+def _corners_of_parts(flat: NDArray[np.object_], footprint: NDArray[np.object_]) -> list[list[list[int]]]:
+    """Return corners of the parts of each area (n,), as places among the corners of its rings; []: they are others."""
+    polygons, area_of = shapely.get_parts(flat, return_index=True)
     polygon_of, xy, offset = convex_parts(polygons)
-    found: list[list[int]] = []
-    first = 0
-    for k, polygon in enumerate(polygons):
-        corners, rings = _corners(polygon), 1 + shapely.get_num_interior_rings(polygon)
-        mine = np.flatnonzero(polygon_of == k)
-        if len(mine) == 1 and rings == 1:
-            ring = np.arange(first, first + len(corners))
-            found.append((ring if shapely.is_ccw(shapely.get_exterior_ring(polygon)) else ring[::-1]).tolist())
-        else:
-            places = {(x, y): first + i for i, (x, y) in enumerate(corners.tolist())}
-            for part in mine.tolist():
-                vertices = [places.get((x, y)) for x, y in xy[offset[part] : offset[part + 1]].tolist()]
-                if None in vertices:
-                    return None
-                found.append([vertex for vertex in vertices if vertex is not None])
-        first += len(corners)
-    return found
+    corners, corner_offset = _corners(polygons)
+    polygon_offset, part_offset = (
+        offsets(np.bincount(of, minlength=count)) for of, count in ((area_of, len(flat)), (polygon_of, len(polygons)))
+    )
+    first = corner_offset[:-1] - corner_offset[polygon_offset[area_of]]
+    is_whole = (np.diff(part_offset) == 1) & (shapely.get_num_interior_rings(polygons) == 0)
+    is_ccw = shapely.is_ccw(shapely.get_exterior_ring(polygons))
+    found: list[list[list[int]]] = [[] for _ in flat]
+    is_other = np.diff(polygon_offset) != shapely.get_num_geometries(footprint)
+    for k, area in enumerate(area_of.tolist()):
+        own = slice(int(corner_offset[k]), int(corner_offset[k + 1]))
+        ring = range(int(first[k]), int(first[k]) + own.stop - own.start)
+        if is_whole[k]:
+            found[area].append(list(ring if is_ccw[k] else ring[::-1]))
+            continue
+        places = dict(zip(map(tuple, corners[own].tolist()), ring, strict=True))
+        for part in range(int(part_offset[k]), int(part_offset[k + 1])):
+            vertices = [places.get((x, y), -1) for x, y in xy[offset[part] : offset[part + 1]].tolist()]
+            is_other[area] |= min(vertices) < 0
+            found[area].append(vertices)
+    return [[] if other else parts for other, parts in zip(is_other.tolist(), found, strict=True)]
 
 
-def _corners(flat: shapely.Geometry) -> Floats:
-    """Return the corners of polygons in the order of their rings, without closing ones."""
-    rings = [ring for polygon in shapely.get_parts(flat) for ring in shapely.get_rings(polygon)]
-    return np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
+def _corners(polygons: NDArray[np.object_]) -> tuple[Floats, _Ints]:
+    """Return the corners of polygons in the order of their rings, without closing ones; and their offsets (n + 1,)."""
+    rings, polygon_of = shapely.get_rings(polygons, return_index=True)
+    xy, ring_of = shapely.get_coordinates(rings, return_index=True)
+    is_corner = np.zeros(len(xy), np.bool_)
+    is_corner[:-1] = ring_of[1:] == ring_of[:-1]
+    counts = np.bincount(polygon_of[ring_of[is_corner]], minlength=len(polygons))
+    return xy[is_corner], offsets(counts)
 
 
 def _as_one_piece(pieces: Pieces, hulls: dict[int, shapely.Geometry]) -> Pieces:

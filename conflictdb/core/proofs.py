@@ -5,10 +5,10 @@ Conflicts are proven by instants at which the two are in contact, at both ends o
 """
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.distinct import is_in
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.arrays.ragged import offsets
+from conflictdb.arrays.ragged import offsets, ragged_rows
 from conflictdb.core.climbs import overlap_at_one_time
 from conflictdb.core.near import Memory, Question
 from conflictdb.core.object_pairs import ordered_members
@@ -39,8 +39,9 @@ _LOOKS_S: Final = (0.0, 1e-6, 2e-6, 5e-6, 1e-5, 5e-5, 2e-4, 9e-4, 9e-3)
 _ERROR_SHARES: Final = (0.25, 0.5, 1.0)
 # A contact is shown where polygons are nearer than this, metres: half of what a checker allows.
 _CONTACT_M: Final = 5e-7
-# Shares of a period at which its depth is looked at.
+# Shares of a period at which its depth is looked at; the middle suffices if it is clearly deeper, metres.
 _DEPTH_LOOKS: Final = np.linspace(0.0, 1.0, 17)
+_CLEARLY_M: Final = 1e-3
 # Deeper than the tolerance by this, metres.
 _DEEPER_M: Final = 2e-6
 
@@ -63,8 +64,47 @@ class Delayed(NamedTuple):
     error_us: int
 
 
-# By the places of both objects, the smaller first.
-_Known: TypeAlias = Mapping[tuple[int, int], Reported]
+@dataclass(frozen=True, slots=True)
+class _Reports:
+    """What was found about n pairs of objects, in order of their keys.
+
+    objects : how many objects there are; key : (n,) of a pair, the smaller place times objects, plus the larger one
+    is_conflict : (n,)
+    offset : (n + 1,) the periods of each
+    start_us, end_us : (m,)
+    error_s : (n,)
+    """
+
+    objects: int
+    key: _Ints
+    is_conflict: NDArray[np.bool_]
+    offset: _Ints
+    start_us: _Ints
+    end_us: _Ints
+    error_s: Floats
+
+    @classmethod
+    def of(cls, reported: Sequence[Reported], objects: int) -> "_Reports":
+        pairs = np.array([(one.a, one.b) for one in reported], np.int64).reshape(-1, 2)
+        key = pairs.min(axis=1) * objects + pairs.max(axis=1)
+        order = np.argsort(key)
+        ordered = [reported[k] for k in order.tolist()]
+        periods = np.array([period for one in ordered for period in one.periods_us], np.int64).reshape(-1, 2)
+        return cls(
+            objects,
+            key[order],
+            np.array([one.verdict is Verdict.CONFLICT for one in ordered], np.bool_),
+            offsets([len(one.periods_us) for one in ordered]),
+            periods[:, 0],
+            periods[:, 1],
+            np.array([one.time_error_s for one in ordered]),
+        )
+
+    def of_pairs(self, first: _Ints, second: _Ints) -> _Ints:
+        """Return the row of each pair of objects (n,), the first the smaller; -1: nothing was reported."""
+        key = first * self.objects + second
+        at = np.searchsorted(self.key, key)
+        return np.where(np.append(self.key, -1)[at] == key, at, -1)
 
 
 @dataclass(slots=True)
@@ -108,20 +148,27 @@ class Apart:
     lasts_s: Floats
 
 
-class Contact(NamedTuple):
-    """A contact of two pieces at an instant, seconds after the start of their shared time.
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """Contacts (n,) of two pieces at instants.
 
     kind : contact, deep, or late: of a track with a smaller delay than the least one
-    a_deg, b_deg : a point in both, or the nearest points of both; None: not needed
+    a, b, turns : (n,) as of `Apart`
+    at_s : (n,) seconds after the start of the shared time
+    points_deg : (n, 2) a point in both, (n, 4) the nearest points of both, or (n, 0): not needed
     """
 
     kind: str
-    a: int
-    b: int
-    turns: int
-    at_s: float
-    a_deg: tuple[float, float] | None = None
-    b_deg: tuple[float, float] | None = None
+    a: _Ints
+    b: _Ints
+    turns: _Ints
+    at_s: Floats
+    points_deg: Floats
+
+    def take(self, rows: _Ints) -> "Contacts":
+        """Return some of the contacts."""
+        whole = self.a[rows], self.b[rows], self.turns[rows]
+        return Contacts(self.kind, *whole, self.at_s[rows], self.points_deg[rows])
 
 
 @dataclass(slots=True)
@@ -129,7 +176,7 @@ class Proofs:
     """The proofs of a scene: how its objects are cut, and chunks of steps and of contacts, once and in order."""
 
     cuts: Cuts
-    chunks: Iterator[tuple[Apart, list[Contact]]]
+    chunks: Iterator[tuple[Apart, list[Contacts]]]
     counts: ProofCounts = field(default_factory=ProofCounts)
 
 
@@ -155,8 +202,8 @@ def proofs_of(
     reach_m, areas = setup.scene.largest_separation_m, len(occupied.areas)
     made = proof_pieces(setup, occupied, reach_m)
     found = Proofs(made.cuts, iter(()))
-    known = _known(reported)
     of = np.arange(areas + len(occupied.tracks))
+    known = _Reports.of(reported, len(of))
     copies = range(len(of) - len(delays), len(of))
     of[copies] = [one.of for one in delays]
     objects = _Objects(areas, of, len(delays))
@@ -166,12 +213,10 @@ def proofs_of(
         early = proof_pieces(setup, late.occupied, reach_m + setup.scene.tolerance_m)
         # The same cuts give the same numbers.
         if [early.cuts.cuts_us.get(k) for k in copies] == [made.cuts.cuts_us.get(k) for k in copies]:
-            found.chunks = chain(found.chunks, _late(setup, early, objects, _known(late.met), found.counts, jobs))
+            found.chunks = chain(
+                found.chunks, _late(setup, early, objects, _Reports.of(late.met, len(of)), found.counts, jobs)
+            )
     return found
-
-
-def _known(reported: Sequence[Reported]) -> _Known:
-    return {(min(one.a, one.b), max(one.a, one.b)): one for one in reported}
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,12 +250,12 @@ def _chunks(
     setup: Setup,
     made: ProofPieces,
     objects: _Objects,
-    known: _Known,
+    known: _Reports,
     counts: ProofCounts,
     jobs: int,
-) -> Iterator[tuple[Apart, list[Contact]]]:
+) -> Iterator[tuple[Apart, list[Contacts]]]:
     for pairs in _pairs(setup, made, objects):
-        yield _apart(pairs, known, counts, jobs), list(_contacts(pairs, known, counts, jobs))
+        yield _apart(pairs, known, counts, jobs), _contacts(pairs, known, counts, jobs)
 
 
 def _pairs(setup: Setup, made: ProofPieces, objects: _Objects, within_m: float = 0.0) -> Iterator["_PiecePairs"]:
@@ -225,19 +270,21 @@ def _pairs(setup: Setup, made: ProofPieces, objects: _Objects, within_m: float =
 
 
 def _late(
-    setup: Setup, made: ProofPieces, objects: _Objects, known: _Known, counts: ProofCounts, jobs: int
-) -> Iterator[tuple[Apart, list[Contact]]]:
+    setup: Setup, made: ProofPieces, objects: _Objects, known: _Reports, counts: ProofCounts, jobs: int
+) -> Iterator[tuple[Apart, list[Contacts]]]:
     """Yield a contact of each delayed copy, without steps."""
     whole, real = np.empty(0, np.int64), np.empty(0)
     nothing = Apart(whole, whole, whole, np.zeros(1, np.int64), real, real, real)
-    place = dict(zip(made.number.tolist(), objects.places(made.pieces).tolist(), strict=True))
-    proven: dict[int, Contact] = {}
+    place = np.zeros(int(made.number.max(initial=0)) + 1, np.int64)
+    place[made.number] = objects.places(made.pieces)
+    proven = np.empty(0, np.int64)
     for pairs in _pairs(setup, made, objects, setup.scene.tolerance_m):
-        for one in _contacts(pairs, known, ProofCounts(), jobs):
-            if one.kind == "contact":
-                proven.setdefault(max(place[one.a], place[one.b]), one)
+        found = _contacts(pairs, known, ProofCounts(), jobs)[0]
+        copy, row = np.unique(np.maximum(place[found.a], place[found.b]), return_index=True)
+        row = row[~np.isin(copy, proven)]
+        proven = np.union1d(proven, copy)
+        yield nothing, [replace(found.take(row), kind="late")]
     counts.unproven_delays -= len(proven)
-    yield nothing, [one._replace(kind="late") for one in proven.values()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,42 +345,25 @@ class _PiecePairs:
         a, b = (self.scene.pieces.piece_id[rows] for rows in (self.a, self.b))
         return self.made.number[a], self.made.number[b], self.made.turns[b] - self.made.turns[a]
 
-    def seconds(self, row: int, at_us: int) -> float:
-        """Return an instant in seconds of a pair."""
-        if at_us in (MINUS_INFINITY_US, INFINITY_US):
-            return -np.inf if at_us == MINUS_INFINITY_US else np.inf
-        return (at_us - int(self.zero_us[row])) / 1e6
+    def seconds(self, rows: _Ints, at_us: _Ints) -> Floats:
+        """Return instants (n,) in seconds of pairs."""
+        is_ever = (at_us == MINUS_INFINITY_US) | (at_us == INFINITY_US)
+        seconds = (np.where(is_ever, 0, at_us) - self.zero_us[rows]) / 1e6
+        return np.asarray(np.where(is_ever, np.copysign(np.inf, at_us), seconds))
 
-    def is_during(self, row: int, start_us: int, end_us: int) -> bool:
-        """Return whether the shared time of a pair begins within a period."""
+    def begin_us(self) -> _Ints:
+        """Return when the shared time of each pair begins."""
         pieces = self.scene.pieces
-        begin = max(int(pieces.start_us[self.a[row]]), int(pieces.start_us[self.b[row]]))
-        return start_us <= begin <= end_us
-
-    def of_reported(self, known: _Known) -> dict[tuple[int, int], list[int]]:
-        """Return the rows of each reported pair of objects."""
-        most = int(max(self.first.max(initial=0), self.second.max(initial=0))) + 1
-        keys = np.array([a * most + b for a, b in known if a < most and b < most], np.int64)
-        found: dict[tuple[int, int], list[int]] = {}
-        for row in np.flatnonzero(is_in(self.first * most + self.second, keys)).tolist():
-            found.setdefault((int(self.first[row]), int(self.second[row])), []).append(row)
-        return found
+        return np.asarray(np.maximum(pieces.start_us[self.a], pieces.start_us[self.b]))
 
 
-def _apart(pairs: _PiecePairs, known: _Known, counts: ProofCounts, jobs: int) -> Apart:
+def _apart(pairs: _PiecePairs, known: _Reports, counts: ProofCounts, jobs: int) -> Apart:
     """Return steps that prove pairs apart, outside of the periods that are reported of them."""
-    is_reported = np.zeros(len(pairs), np.bool_)
-    windows: list[tuple[int, float, float]] = []
-    for objects, rows in pairs.of_reported(known).items():
-        is_reported[rows] = True
-        for one in rows:
-            windows += [(one, low, high) for low, high in _outside(pairs, one, known[objects].periods_us)]
-    plain = np.flatnonzero(~is_reported)
-    row = np.concatenate([plain, np.array([one[0] for one in windows], np.int64)])
-    low, high = (
-        np.concatenate([own[plain], np.array([one[k] for one in windows])])
-        for k, own in ((1, pairs.low_s), (2, pairs.high_s))
-    )
+    report = known.of_pairs(pairs.first, pairs.second)
+    is_reported = report >= 0
+    plain, (row, low, high) = np.flatnonzero(~is_reported), _outside(pairs, known, report)
+    row = np.concatenate([plain, row])
+    low, high = np.concatenate([pairs.low_s[plain], low]), np.concatenate([pairs.high_s[plain], high])
     order = np.lexsort((low, row))
     row, low, high = row[order], low[order], high[order]
     work = kernel.Work()
@@ -350,22 +380,19 @@ def _apart(pairs: _PiecePairs, known: _Known, counts: ProofCounts, jobs: int) ->
     return _joined(pairs, found, row, low, high)
 
 
-def _outside(pairs: _PiecePairs, row: int, periods_us: Sequence[tuple[int, int]]) -> Iterator[tuple[float, float]]:
-    """Yield the times of a pair, seconds, that are in none of some periods."""
-    if pairs.is_static[row]:
-        return
-    begin, end = float(pairs.low_s[row]), float(pairs.high_s[row])
-    spans = [(pairs.seconds(row, start_us), pairs.seconds(row, end_us)) for start_us, end_us in periods_us]
-    if begin == end:
-        if not any(start <= begin <= last for start, last in spans):
-            yield begin, end
-        return
-    for start, last in [*spans, (np.inf, np.inf)]:
-        if start > begin:
-            yield begin, min(start, end)
-        begin = max(begin, last)
-        if begin >= end:
-            return
+def _outside(pairs: _PiecePairs, known: _Reports, report: _Ints) -> tuple[_Ints, Floats, Floats]:
+    """Return rows of reported pairs, and times, seconds, that are in no period; report : (n,) of each pair or -1."""
+    reported = np.flatnonzero((report >= 0) & ~pairs.is_static)
+    # Times before, between and after the periods of each report.
+    ends_us = np.insert(known.end_us, known.offset[:-1], MINUS_INFINITY_US)
+    starts_us = np.insert(known.start_us, known.offset[1:], INFINITY_US)
+    taken, gap = ragged_rows(known.offset + np.arange(len(known.offset)), report[reported])
+    row = reported.repeat(np.diff(taken))
+    after, before = pairs.seconds(row, ends_us[gap]), pairs.seconds(row, starts_us[gap])
+    low, high = np.maximum(pairs.low_s[row], after), np.minimum(pairs.high_s[row], before)
+    is_instant = pairs.low_s[row] == pairs.high_s[row]
+    kept = np.flatnonzero(np.where(is_instant, (after < low) & (low < before), low < high))
+    return row[kept], low[kept], high[kept]
 
 
 def _joined(pairs: _PiecePairs, found: Directions, row: _Ints, low: Floats, high: Floats) -> Apart:
@@ -383,91 +410,127 @@ def _joined(pairs: _PiecePairs, found: Directions, row: _Ints, low: Floats, high
     return Apart(*pairs.numbers(), offsets(np.bincount(of, minlength=n)), until[order], angle[order], pairs.lasts_s)
 
 
-class _Trial(NamedTuple):
-    """An instant at which a pair is searched for contact; of: the kind of proof that needs it."""
+@dataclass(frozen=True, slots=True)
+class _Spans:
+    """Times (n,) of rows of pairs in periods of conflicts, ordered by report, period and row.
 
-    of: tuple[int, int, str]
-    row: int
-    at_s: float
+    report, period, row : (n,)
+    low_s, high_s : (n,) the time
+    start_s, end_s : (n,) ends of the period in seconds of the pair; of two areas 0
+    """
+
+    report: _Ints
+    period: _Ints
+    row: _Ints
+    low_s: Floats
+    high_s: Floats
+    start_s: Floats
+    end_s: Floats
+
+    @classmethod
+    def of(cls, pairs: _PiecePairs, known: _Reports, report: _Ints) -> "_Spans":
+        """Return the times of conflicts; report : (n,) of each pair or -1."""
+        rows = np.flatnonzero((report >= 0) & np.append(known.is_conflict, False)[report])
+        taken, period = ragged_rows(known.offset, report[rows])
+        row = rows.repeat(np.diff(taken))
+        start_us, end_us, is_static = known.start_us[period], known.end_us[period], pairs.is_static[row]
+        start_s, end_s = (np.where(is_static, 0.0, pairs.seconds(row, at_us)) for at_us in (start_us, end_us))
+        low, high = np.maximum(pairs.low_s[row], start_s), np.minimum(pairs.high_s[row], end_s)
+        low, high = np.where(is_static, 0.0, low), np.where(is_static, 0.0, high)
+        begin_us = pairs.begin_us()[row]
+        kept = np.flatnonzero(np.where(is_static, (start_us <= begin_us) & (begin_us <= end_us), low <= high))
+        kept = kept[np.lexsort((row[kept], period[kept]))]
+        whole = report[row[kept]], period[kept], row[kept]
+        return cls(*whole, low[kept], high[kept], start_s[kept], end_s[kept])
 
 
-def _contacts(pairs: _PiecePairs, known: _Known, counts: ProofCounts, jobs: int) -> Iterator[Contact]:
-    """Yield contacts at both ends of the periods of conflicts, and one deep enough of each conflict."""
-    conflicts = [
-        (known[objects], rows)
-        for objects, rows in pairs.of_reported(known).items()
-        if known[objects].verdict is Verdict.CONFLICT
-    ]
-    trials = [one for k, given in enumerate(conflicts) for one in _trials(pairs, k, *given)]
-    row = np.array([one.row for one in trials], np.int64)
-    at_s = np.array([one.at_s for one in trials])
-    given = pairs.a[row], pairs.b[row], pairs.zero_us[row], at_s
-    distance_m = distances(pairs.scene, PieceRows(given[0]), PieceRows(given[1]), *given[2:], jobs)
-    scene = pairs.setup.scene
-    chosen: dict[tuple[int, int, str], int] = {}
-    for k, trial in enumerate(trials):
-        best = chosen.get(trial.of)
-        if trial.of[2] == "deep":
-            if best is None or distance_m[k] < distance_m[best]:
-                chosen[trial.of] = k
-        elif best is None and distance_m[k] <= scene.separation_m + _CONTACT_M:
-            chosen[trial.of] = k
-    deep_m = scene.separation_m - scene.tolerance_m - _DEEPER_M
-    chosen = {of: k for of, k in chosen.items() if of[2] != "deep" or distance_m[k] < deep_m}
+def _contacts(pairs: _PiecePairs, known: _Reports, counts: ProofCounts, jobs: int) -> list[Contacts]:
+    """Return contacts at both ends of the periods of conflicts, and one deep enough of each conflict."""
+    report = known.of_pairs(pairs.first, pairs.second)
+    spans = _Spans.of(pairs, known, report)
+    conflicts = np.unique(report[report >= 0])
+    conflicts = conflicts[known.is_conflict[conflicts]]
+    end, row, at_s = _at_ends(pairs, known, spans, jobs)
+    shown = _with_points(pairs, "contact", row, at_s, jobs)
+    rows_shown = np.flatnonzero(np.isfinite(shown.points_deg).all(axis=1))
+    of, row, at_s = _deepest(pairs, spans, jobs)
+    deep = _with_points(pairs, "deep", row, at_s, jobs)
+    rows_deep = np.flatnonzero(np.isfinite(deep.points_deg).all(axis=1))
+    # Each period has two ends.
+    periods = np.diff(known.offset)
+    of_period = np.arange(len(periods)).repeat(periods)
+    ends = np.bincount(of_period[end[rows_shown] // 2], minlength=len(periods))
+    is_proven = is_in(conflicts, of[rows_deep]) & (ends == 2 * periods)[conflicts]
     counts.conflicts += len(conflicts)
-    for number, (one, _) in enumerate(conflicts):
-        needed = [(number, period, side) for period in range(len(one.periods_us)) for side in ("start", "end")]
-        counts.unproven_conflicts += not all(of in chosen for of in [*needed, (number, 0, "deep")])
-    yield from _with_points(pairs, [(of[2], trials[k]) for of, k in chosen.items()], jobs)
+    counts.unproven_conflicts += int(np.count_nonzero(~is_proven))
+    return [shown.take(rows_shown), deep.take(rows_deep)]
 
 
-def _trials(pairs: _PiecePairs, number: int, one: Reported, rows: Sequence[int]) -> Iterator[_Trial]:
-    """Yield instants at which a conflict may be in contact, the nearest to the ends of its periods first."""
-    looks = sorted({*_LOOKS_S, *(share * one.time_error_s + 1e-6 for share in _ERROR_SHARES)})
-    for period, (start_us, end_us) in enumerate(one.periods_us):
-        spans = []
-        for row in rows:
-            if pairs.is_static[row]:
-                if pairs.is_during(row, start_us, end_us):
-                    spans.append((row, 0.0, 0.0))
-                continue
-            low = max(float(pairs.low_s[row]), pairs.seconds(row, start_us))
-            high = min(float(pairs.high_s[row]), pairs.seconds(row, end_us))
-            if low <= high:
-                spans.append((row, low, high))
-        for look in looks:
-            for row, low, high in spans:
-                start, end = pairs.seconds(row, start_us) + look, pairs.seconds(row, end_us) - look
-                start, end = (0.0, 0.0) if pairs.is_static[row] else (start, end)
-                # The end of a period that lasts to the end of the heights' overlap, or of a slice.
-                if low <= start <= high:
-                    yield _Trial((number, period, "start"), row, start)
-                if low <= end <= high:
-                    yield _Trial((number, period, "end"), row, end)
-        for row, low, high in spans:
-            for share in _DEPTH_LOOKS if high > low else (0.0,):
-                yield _Trial((number, 0, "deep"), row, low + float(share) * (high - low))
+def _distances(pairs: _PiecePairs, row: _Ints, at_s: Floats, jobs: int) -> Floats:
+    """Return the distances of rows of pairs at instants, as `distances` does."""
+    return distances(pairs.scene, pairs.a[row], pairs.b[row], pairs.zero_us[row], at_s, jobs)
 
 
-def _with_points(pairs: _PiecePairs, found: Sequence[tuple[str, _Trial]], jobs: int) -> Iterator[Contact]:
-    """Yield contacts at instants, with the points that show them."""
+def _at_ends(pairs: _PiecePairs, known: _Reports, spans: _Spans, jobs: int) -> tuple[_Ints, _Ints, Floats]:
+    """Return ends of periods, numbered start and end by turns, with a row in contact and the instant, seconds."""
+    looks = np.concatenate(
+        [np.tile(_LOOKS_S, (len(known.key), 1)), known.error_s[:, None] * _ERROR_SHARES + 1e-6], axis=1
+    )
+    looks.sort(axis=1)
+    limit_m = pairs.setup.scene.separation_m + _CONTACT_M
+    end = np.concatenate([2 * spans.period, 2 * spans.period + 1])
+    row, report = np.tile(spans.row, 2), np.tile(spans.report, 2)
+    low, high = np.tile(spans.low_s, 2), np.tile(spans.high_s, 2)
+    from_s, sign = np.concatenate([spans.start_s, spans.end_s]), np.repeat([1.0, -1.0], len(spans.row))
+    found: list[tuple[_Ints, _Ints, Floats]] = []
+    left = np.arange(len(end))
+    for look in range(looks.shape[1]):
+        at_s = from_s[left] + sign[left] * looks[report[left], look]
+        # Two areas are always as near.
+        at_s[pairs.is_static[row[left]]] = 0.0
+        rows = np.flatnonzero((low[left] <= at_s) & (at_s <= high[left]))
+        trial, at_s = left[rows], at_s[rows]
+        near = np.flatnonzero(_distances(pairs, row[trial], at_s, jobs) <= limit_m)
+        ends, first = np.unique(end[trial[near]], return_index=True)
+        found.append((ends, row[trial[near[first]]], at_s[near[first]]))
+        left = left[~is_in(end[left], ends) & ~pairs.is_static[row[left]]]
+    ends, rows, instants = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    order = np.argsort(ends)
+    return ends[order], rows[order], instants[order]
+
+
+def _deepest(pairs: _PiecePairs, spans: _Spans, jobs: int) -> tuple[_Ints, _Ints, Floats]:
+    """Return reports, with a row that is deep enough in contact and the instant, seconds."""
     scene = pairs.setup.scene
-    row = np.array([trial.row for _, trial in found], np.int64)
-    at_s = np.array([trial.at_s for _, trial in found])
-    a, b, zero_us = PieceRows(pairs.a[row]), PieceRows(pairs.b[row]), pairs.zero_us[row]
-    numbers = [column[row].tolist() for column in pairs.numbers()]
-    if scene.separation_m > 0.0:
+    deep_m = scene.separation_m - scene.tolerance_m - _DEEPER_M
+    found: list[tuple[_Ints, _Ints, Floats]] = []
+    left = np.arange(len(spans.row))
+    for shares, limit_m in ((_DEPTH_LOOKS[[8]], deep_m - _CLEARLY_M), (_DEPTH_LOOKS, deep_m)):
+        each = left.repeat(len(shares))
+        row, report, low = spans.row[each], spans.report[each], spans.low_s[each]
+        at_s = low + np.tile(shares, len(left)) * (spans.high_s[each] - low)
+        distance_m = _distances(pairs, row, at_s, jobs)
+        order = np.lexsort((distance_m, report))
+        reports, first = np.unique(report[order], return_index=True)
+        best = order[first]
+        is_deep = distance_m[best] < limit_m
+        found.append((reports[is_deep], row[best[is_deep]], at_s[best[is_deep]]))
+        left = left[~is_in(spans.report[left], reports[is_deep])]
+    reports, rows, instants = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    return reports, rows, instants
+
+
+def _with_points(pairs: _PiecePairs, kind: str, row: _Ints, at_s: Floats, jobs: int) -> Contacts:
+    """Return contacts at instants, with the points that show them."""
+    scene, given = pairs.setup.scene, (pairs.scene, pairs.a[row], pairs.b[row], pairs.zero_us[row])
+    is_apart = scene.separation_m > 0.0
+    if kind == "deep" and not (is_apart and scene.separation_m >= scene.tolerance_m):
+        points = np.empty((len(row), 0))
+    elif is_apart:
         each = np.arange(len(row) + 1), np.full(len(row), np.inf), np.zeros(len(row))
-        nearest = closest(pairs.scene, a, b, zero_us, at_s, at_s, *each, kernel.Work(), jobs)
-        places = nearest.a_deg.tolist(), nearest.b_deg.tolist()
+        nearest = closest(*given, at_s, at_s, *each, kernel.Work(), jobs)
+        points = np.concatenate([nearest.a_deg, nearest.b_deg], axis=1)
     else:
-        one = meetings(pairs.scene, a, b, zero_us, at_s, jobs).tolist()
-        places = one, one
-    for k, (kind, trial) in enumerate(found):
-        number = (numbers[0][k], numbers[1][k], numbers[2][k], trial.at_s)
-        a_deg, b_deg = (tuple(side[k]) for side in places)
-        if kind == "deep":
-            is_near = scene.separation_m > 0.0 and scene.separation_m >= scene.tolerance_m
-            yield Contact("deep", *number, *((a_deg, b_deg) if is_near else ()))
-        else:
-            yield Contact("contact", *number, a_deg, b_deg if scene.separation_m > 0.0 else None)
+        points = meetings(*given, at_s, jobs)
+    a, b, turns = pairs.numbers()
+    return Contacts(kind, a[row], b[row], turns[row], at_s, points)

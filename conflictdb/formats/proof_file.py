@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any, Final
 
 import conflictdb
-from conflictdb.core.proofs import Apart, Contact, Delayed, Proofs, Reported
+from conflictdb.core.proofs import Apart, Contacts, Delayed, Proofs, Reported
 from conflictdb.core.world import Occupied
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.scene_file import feature_of, settings_of
@@ -37,9 +37,7 @@ def proof_lines(
         "settings": iter([_text(settings_of(scene))]),
         "objects": (_text(feature_of(one)) for one in objects),
         "pieces": _pieces(every, proofs),
-        "verdicts": chain(
-            (_text(_verdict(objects, one)) for one in reported), (_text(_delay(objects, one)) for one in delays)
-        ),
+        "verdicts": chain(_verdicts(objects, reported), (_text(_delay(objects, one)) for one in delays)),
         "proofs": _proofs(proofs),
     }
     digests = {}
@@ -83,28 +81,27 @@ def _pieces(objects: Sequence[Area | Track], proofs: Proofs) -> Iterator[str]:
             yield _text({"object": k, **members})
 
 
-def _verdict(objects: Sequence[Area | Track], one: Reported) -> dict[str, Any]:
-    return {
-        "a": objects[one.a].key,
-        "b": objects[one.b].key,
-        "verdict": one.verdict.value,
-        "periods": [[_instant(at) for at in period] for period in one.periods_us],
-        "time_error_s": one.time_error_s,
-    }
+def _verdicts(objects: Sequence[Area | Track], reported: Sequence[Reported]) -> Iterator[str]:
+    keys = [_text(one.key) for one in objects]
+    for one in reported:
+        periods = ", ".join(f"[{_instant(start)}, {_instant(end)}]" for start, end in one.periods_us)
+        pair = f'"a": {keys[one.a]}, "b": {keys[one.b]}, "verdict": "{one.verdict.value}"'
+        yield f'{{{pair}, "periods": [{periods}], "time_error_s": {_text(one.time_error_s)}}}'
 
 
 def _delay(objects: Sequence[Area | Track], one: Delayed) -> dict[str, Any]:
     return {"delay": objects[one.of].key, "least_us": one.least_us, "error_us": one.error_us}
 
 
-def _instant(at_us: int) -> str | None:
-    return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else format_instant(at_us)
+def _instant(at_us: int) -> str:
+    return "null" if at_us in (MINUS_INFINITY_US, INFINITY_US) else f'"{format_instant(at_us)}"'
 
 
 def _proofs(proofs: Proofs) -> Iterator[str]:
     for apart, contacts in proofs.chunks:
         yield from _apart(apart)
-        yield from (_text(_contact(one)) for one in contacts)
+        for one in contacts:
+            yield from _contacts(one)
 
 
 def _apart(apart: Apart) -> Iterator[str]:
@@ -119,5 +116,9 @@ def _apart(apart: Apart) -> Iterator[str]:
             yield json.dumps([a, b, turns, *steps[:-1]], separators=(",", ":"))
 
 
-def _contact(one: Contact) -> list[Any]:
-    return [one.kind, one.a, one.b, one.turns, one.at_s, *(one.a_deg or ()), *(one.b_deg or ())]
+def _contacts(contacts: Contacts) -> Iterator[str]:
+    columns = (
+        column.tolist() for column in (contacts.a, contacts.b, contacts.turns, contacts.at_s, contacts.points_deg)
+    )
+    for a, b, turns, at_s, points in zip(*columns, strict=True):
+        yield f'["{contacts.kind}", {", ".join(map(repr, (a, b, turns, at_s, *points)))}]'
