@@ -149,8 +149,8 @@ class Apart:
 
 
 @dataclass(frozen=True, slots=True)
-class Contacts:
-    """Contacts (n,) of two pieces at instants.
+class ProvenContacts:
+    """ProvenContacts (n,) of two pieces at instants.
 
     kind : contact, deep, or late: of a track with a smaller delay than the least one
     a, b, turns : (n,) as of `Apart`
@@ -165,10 +165,10 @@ class Contacts:
     at_s: Floats
     points_deg: Floats
 
-    def take(self, rows: _Ints) -> "Contacts":
+    def take(self, rows: _Ints) -> "ProvenContacts":
         """Return some of the contacts."""
         whole = self.a[rows], self.b[rows], self.turns[rows]
-        return Contacts(self.kind, *whole, self.at_s[rows], self.points_deg[rows])
+        return ProvenContacts(self.kind, *whole, self.at_s[rows], self.points_deg[rows])
 
 
 @dataclass(slots=True)
@@ -176,7 +176,7 @@ class Proofs:
     """The proofs of a scene: how its objects are cut, and chunks of steps and of contacts, once and in order."""
 
     cuts: Cuts
-    chunks: Iterator[tuple[Apart, list[Contacts]]]
+    chunks: Iterator[tuple[Apart, list[ProvenContacts]]]
     counts: ProofCounts = field(default_factory=ProofCounts)
 
 
@@ -253,7 +253,7 @@ def _chunks(
     known: _Reports,
     counts: ProofCounts,
     jobs: int,
-) -> Iterator[tuple[Apart, list[Contacts]]]:
+) -> Iterator[tuple[Apart, list[ProvenContacts]]]:
     for pairs in _pairs(setup, made, objects):
         yield _apart(pairs, known, counts, jobs), _contacts(pairs, known, counts, jobs)
 
@@ -271,7 +271,7 @@ def _pairs(setup: Setup, made: ProofPieces, objects: _Objects, within_m: float =
 
 def _late(
     setup: Setup, made: ProofPieces, objects: _Objects, known: _Reports, counts: ProofCounts, jobs: int
-) -> Iterator[tuple[Apart, list[Contacts]]]:
+) -> Iterator[tuple[Apart, list[ProvenContacts]]]:
     """Yield a contact of each delayed copy, without steps."""
     whole, real = np.empty(0, np.int64), np.empty(0)
     nothing = Apart(whole, whole, whole, np.zeros(1, np.int64), real, real, real)
@@ -411,7 +411,7 @@ def _joined(pairs: _PiecePairs, found: Directions, row: _Ints, low: Floats, high
 
 
 @dataclass(frozen=True, slots=True)
-class _Spans:
+class _ConflictTimes:
     """Times (n,) of rows of pairs in periods of conflicts, ordered by report, period and row.
 
     report, period, row : (n,)
@@ -428,7 +428,7 @@ class _Spans:
     end_s: Floats
 
     @classmethod
-    def of(cls, pairs: _PiecePairs, known: _Reports, report: _Ints) -> "_Spans":
+    def of(cls, pairs: _PiecePairs, known: _Reports, report: _Ints) -> "_ConflictTimes":
         """Return the times of conflicts; report : (n,) of each pair or -1."""
         rows = np.flatnonzero((report >= 0) & np.append(known.is_conflict, False)[report])
         taken, period = ragged_rows(known.offset, report[rows])
@@ -444,10 +444,10 @@ class _Spans:
         return cls(*whole, low[kept], high[kept], start_s[kept], end_s[kept])
 
 
-def _contacts(pairs: _PiecePairs, known: _Reports, counts: ProofCounts, jobs: int) -> list[Contacts]:
+def _contacts(pairs: _PiecePairs, known: _Reports, counts: ProofCounts, jobs: int) -> list[ProvenContacts]:
     """Return contacts at both ends of the periods of conflicts, and one deep enough of each conflict."""
     report = known.of_pairs(pairs.first, pairs.second)
-    spans = _Spans.of(pairs, known, report)
+    spans = _ConflictTimes.of(pairs, known, report)
     conflicts = np.unique(report[report >= 0])
     conflicts = conflicts[known.is_conflict[conflicts]]
     end, row, at_s = _at_ends(pairs, known, spans, jobs)
@@ -471,7 +471,7 @@ def _distances(pairs: _PiecePairs, row: _Ints, at_s: Floats, jobs: int) -> Float
     return distances(pairs.scene, pairs.a[row], pairs.b[row], pairs.zero_us[row], at_s, jobs)
 
 
-def _at_ends(pairs: _PiecePairs, known: _Reports, spans: _Spans, jobs: int) -> tuple[_Ints, _Ints, Floats]:
+def _at_ends(pairs: _PiecePairs, known: _Reports, spans: _ConflictTimes, jobs: int) -> tuple[_Ints, _Ints, Floats]:
     """Return ends of periods, numbered start and end by turns, with a row in contact and the instant, seconds."""
     looks = np.concatenate(
         [np.tile(_LOOKS_S, (len(known.key), 1)), known.error_s[:, None] * _ERROR_SHARES + 1e-6], axis=1
@@ -499,7 +499,7 @@ def _at_ends(pairs: _PiecePairs, known: _Reports, spans: _Spans, jobs: int) -> t
     return ends[order], rows[order], instants[order]
 
 
-def _deepest(pairs: _PiecePairs, spans: _Spans, jobs: int) -> tuple[_Ints, _Ints, Floats]:
+def _deepest(pairs: _PiecePairs, spans: _ConflictTimes, jobs: int) -> tuple[_Ints, _Ints, Floats]:
     """Return reports, with a row that is deep enough in contact and the instant, seconds."""
     scene = pairs.setup.scene
     deep_m = scene.separation_m - scene.tolerance_m - _DEEPER_M
@@ -520,7 +520,7 @@ def _deepest(pairs: _PiecePairs, spans: _Spans, jobs: int) -> tuple[_Ints, _Ints
     return reports, rows, instants
 
 
-def _with_points(pairs: _PiecePairs, kind: str, row: _Ints, at_s: Floats, jobs: int) -> Contacts:
+def _with_points(pairs: _PiecePairs, kind: str, row: _Ints, at_s: Floats, jobs: int) -> ProvenContacts:
     """Return contacts at instants, with the points that show them."""
     scene, given = pairs.setup.scene, (pairs.scene, pairs.a[row], pairs.b[row], pairs.zero_us[row])
     is_apart = scene.separation_m > 0.0
@@ -533,4 +533,4 @@ def _with_points(pairs: _PiecePairs, kind: str, row: _Ints, at_s: Floats, jobs: 
     else:
         points = meetings(*given, at_s, jobs)
     a, b, turns = pairs.numbers()
-    return Contacts(kind, a[row], b[row], turns[row], at_s, points)
+    return ProvenContacts(kind, a[row], b[row], turns[row], at_s, points)

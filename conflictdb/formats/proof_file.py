@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any, Final
 
 import conflictdb
-from conflictdb.core.proofs import Apart, Contacts, Delayed, Proofs, Reported
+from conflictdb.core.proofs import Apart, Delayed, Proofs, ProvenContacts, Reported
 from conflictdb.core.world import Occupied
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.scene_file import feature_of, settings_of
@@ -116,7 +116,7 @@ def _apart(apart: Apart) -> Iterator[str]:
             yield json.dumps([a, b, turns, *steps[:-1]], separators=(",", ":"))
 
 
-def _contacts(contacts: Contacts) -> Iterator[str]:
+def _contacts(contacts: ProvenContacts) -> Iterator[str]:
     columns = (
         column.tolist() for column in (contacts.a, contacts.b, contacts.turns, contacts.at_s, contacts.points_deg)
     )
