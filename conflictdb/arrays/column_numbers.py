@@ -1,6 +1,7 @@
 """Give values of plain columns that change answers 64-bit numbers: a word its digest (`_word_number` in SQL).
 
-The number of a number has its bits.
+The number of a number has its bits. These have the order of numbers of at least 0, and those of NaN, for none, are
+above them: the rule of a pair may compare them in C and in SQL.
 """
 
 import math

@@ -91,6 +91,8 @@ class PairSource(Protocol):
     def pairs(self, question: Question) -> Iterator[Chunk]:
         """Yield the pairs of pieces (a, b) that a question asks for, in chunks of pieces and pairs.
 
+        Sources but `Memory` have their own pieces that are asked about, and read only the times of a question.
+
         All pairs of the same two objects are in one chunk. Otherwise chunks are of any size that fits the memory. Only
         answers stay in memory after a chunk. a is of the object with the smaller number, and seam copies are beside
         their originals: rounding depends on the order, and of contacts that begin together the first is reported.

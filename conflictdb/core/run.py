@@ -48,6 +48,7 @@ def run_scene(
     setup: Setup,
     source: PairSource,
     *,
+    question: Question | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
     has_approaches: bool = True,
@@ -55,11 +56,12 @@ def run_scene(
     """Yield the conflicts among the pieces of a source and the counts, for each chunk of its pairs.
 
     setup : of the scene and of its pieces
+    question : which pairs; None: those of a detection
     jobs, progress, has_approaches : see `run_stages`
     """
     decided = 0
     separations = Separations.of(setup.scene)
-    chunks = source.pairs(Question.of(setup.scene))
+    chunks = source.pairs(Question.of(setup.scene) if question is None else question)
     while True:
         clock = time.perf_counter()
         chunk = next(chunks, None)

@@ -15,8 +15,8 @@ from conflictdb.model.plans import LINES, Area, Scene, Track, check_keys, check_
 def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Scene) -> None:
     """Write plans and the settings of their scene to a file from which `read` and `load` get exactly these.
 
-    GeoParquet if its name ends in .parquet, which needs the extra `parquet`; RTZ, KML, ED-318 or F3548 if it ends in
-    .rtz, .kml, .ed318.json or .f3548.json, which hold less, with a UserWarning of what they lose; else GeoJSON.
+    GeoParquet if its name ends in .parquet, which needs the extra `parquet`; RTZ, GPX, KML, ED-318 or F3548 if it ends
+    in .rtz, .gpx, .kml, .ed318.json or .f3548.json, which hold less: a UserWarning says what they lose; else GeoJSON.
     Compressed if its name ends in .gz. The file appears when it is complete; if writing fails, an older file stays.
 
     Raises InvalidInput for other objects than areas and tracks, for keys that occur twice, and for a track whose legs

@@ -7,7 +7,7 @@ from typing import get_type_hints
 import pytest
 from docs_scripts import script
 
-from conflictdb.arrays.column_numbers import IN_PIECES, NUMBERED
+from conflictdb.arrays.column_numbers import IN_PIECES, NUMBERED, number_of
 from conflictdb.kernel.header import constant
 from conflictdb.model import plan_columns
 from conflictdb.model.plan_columns import Form, columns_of
@@ -36,6 +36,14 @@ def test_numbers_of_pieces_are_the_first_of_both_kinds(kind: str) -> None:
     """`piece_numbers` finds them by their places, and the kernel knows how many there are."""
     assert tuple(f"{one.name}_number" for one in NUMBERED[kind])[: len(IN_PIECES)] == IN_PIECES
     assert constant("KERNEL_NUMBERS") == len(IN_PIECES)
+
+
+def test_numbers_of_numbers_have_their_order() -> None:
+    """The rule of a pair may compare them."""
+    values = [0.0, 5e-324, 1.0, 7.1, 1e300, None]
+    numbers = [number_of(value, Form.NUMBER) for value in values]
+    assert numbers == sorted(set(numbers))
+    assert number_of(-0.0, Form.NUMBER) == numbers[0]
 
 
 def test_each_plain_value_has_a_rule() -> None:
