@@ -328,13 +328,16 @@ DECLARE
     v_is_old boolean;
 BEGIN
     EXECUTE format('SELECT EXISTS (SELECT FROM position_%1$s) '
+                   'AND NOT EXISTS (SELECT FROM position_%1$s p CROSS JOIN position_look l '
+                   'WHERE p.transaction_id >= pg_snapshot_xmin(l.seen) '
+                   'AND NOT pg_visible_in_snapshot(p.transaction_id, l.seen)) '
                    'AND NOT EXISTS (SELECT FROM position_%1$s WHERE received_at > $1)', p_slot)
         INTO v_is_old USING p_until;
     RETURN v_is_old;
 END
 $$;
 COMMENT ON FUNCTION _is_old_slot(integer, timestamptz) IS
-'Whether a partition of positions has some, all received until an instant.';
+'Whether a partition of positions has some, all received until an instant, and read by looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_positions() RETURNS integer
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -362,8 +365,8 @@ END
 $$;
 COMMENT ON FUNCTION _prune_positions() IS
 'Empties the partitions of positions that were all received longer ago than the setting conflictdb.positions_kept says '
-'(24 hours); returns their number. One that a session reads or writes waits for the next time. Workers do this every '
-'ten minutes.';
+'(24 hours), and read by looks; returns their number. One that a session reads or writes waits for the next time. '
+'Workers do this every ten minutes.';
 
 COMMENT ON TABLE position IS
 'Positions of tracks, as feeds report them: insert or copy rows of scene, key, instant, place, and, each where known, '

@@ -1,5 +1,6 @@
 """How tracks keep their plans: the state that follows from the lateness at a position, and what silence does to it."""
 
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
@@ -32,6 +33,8 @@ class PlannedTimes:
     gains : seconds that it may become earlier in a second: its speed limit, or else its fastest leg, by its slowest leg
     stands_us : how long its legs stand still, which it may omit
     fastest_mps : its speed limit, or else the speed of its fastest leg
+    starts_us : when its voyages begin, in order
+    lasts_us : how long each takes
     """
 
     first_us: int
@@ -39,6 +42,8 @@ class PlannedTimes:
     gains: float
     stands_us: int
     fastest_mps: float
+    starts_us: tuple[int, ...]
+    lasts_us: int
 
     @classmethod
     def of(cls, tracks: TrackBatch, row: int) -> Self:
@@ -53,10 +58,22 @@ class PlannedTimes:
         fastest = float(np.max(speed)) if np.isnan(given).any() else MPS_PER_KNOT * float(given.max())
         slowest = float(speed[moves].min()) if moves.any() else fastest
         departs = tracks.departs.at_us[tracks.departs.offset[row] : tracks.departs.offset[row + 1]]
-        starts = (int(departs.min()), int(departs.max())) if len(departs) else (int(times_us[0]),) * 2
+        starts = tuple(np.unique(departs).tolist()) if len(departs) else (int(times_us[0]),)
         gains = max(0.0, fastest / slowest - 1.0 - _ROUNDING) if slowest > 0.0 else 0.0
         stands_us = int(lasts_us[~moves].sum())
-        return cls(starts[0], starts[1] + int(times_us[-1] - times_us[0]), gains, stands_us, fastest)
+        whole_us = int(times_us[-1] - times_us[0])
+        return cls(starts[0], starts[-1] + whole_us, gains, stands_us, fastest, starts, whole_us)
+
+    def begins_us(self, at_us: int) -> int:
+        """Return when the voyage after an instant begins, or the last one."""
+        return self.starts_us[min(bisect_left(self.starts_us, at_us), len(self.starts_us) - 1)]
+
+    def between(self, at_us: int) -> tuple[int, int] | None:
+        """Return when the voyage before an instant ends, and when the next one begins; None unless it is in between."""
+        k = bisect_left(self.starts_us, at_us)
+        if not 0 < k < len(self.starts_us) or at_us <= self.starts_us[k - 1] + self.lasts_us:
+            return None
+        return self.starts_us[k - 1] + self.lasts_us, self.starts_us[k]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +121,11 @@ class Kept:
 
         former : at an earlier position; None: this is the first
         """
+        pause = plan.between(self.at_us)
+        if pause is not None and _is_in_port(latenesses, self.at_us, pause, former):
+            # Without a lateness of the former voyage.
+            early_us = self.at_us - pause[1]
+            return replace(self, state=WAITING, late_us=(early_us, early_us), off_m=None, seen_us=(early_us, early_us))
         seen = _chosen(latenesses, plan, self.at_us, former)
         if seen is None:
             seen_us = None if former is None else former.seen_us
@@ -128,7 +150,7 @@ class Kept:
 
     def unheard(self, plan: PlannedTimes, now_us: int) -> Self:
         """Return the state now, without another position: its lateness grows both ways."""
-        if now_us < plan.first_us and self.state == WAITING:
+        if self.state == WAITING and now_us < plan.begins_us(self.at_us):
             return self
         if now_us > plan.last_us + (0 if self.seen_us is None else max(0, self.seen_us[1])):
             return replace(self, state=PAST, late_us=self.seen_us, off_m=None)
@@ -145,6 +167,15 @@ def _grown(seen_us: tuple[int, int], plan: PlannedTimes, lasts_us: int) -> tuple
     return seen_us[0] - int(plan.gains * lasts_us) - min(plan.stands_us, lasts_us), seen_us[1] + lasts_us
 
 
+def _is_in_port(latenesses: Spans, at_us: int, pause: tuple[int, int], former: Kept | None) -> bool:
+    """Return whether a track has ended a voyage and waits for the next one, at a position between both."""
+    ended_us, begins_us = pause
+    if any(latenesses.contains(by_us, by_us) for by_us in (at_us - ended_us, at_us - begins_us)):
+        return True
+    # It was there, and is moved in port.
+    return former is not None and former.state == WAITING and former.at_us > ended_us and not len(latenesses)
+
+
 def _chosen(latenesses: Spans, plan: PlannedTimes, at_us: int, former: Kept | None) -> tuple[int, int] | None:
     """Return the interval of latenesses that follows on the former one; without one, that nearest to none."""
     if not len(latenesses):
@@ -152,7 +183,8 @@ def _chosen(latenesses: Spans, plan: PlannedTimes, at_us: int, former: Kept | No
     low, high = latenesses.low, latenesses.high
     middle = 0.0
     if former is not None and former.seen_us is not None:
-        middle = 0.5 * sum(former.seen_us)
+        # One that waited is not early.
+        middle = 0.0 if former.state == WAITING else 0.5 * sum(former.seen_us)
         least, most = _grown(former.seen_us, plan, max(at_us - former.at_us, 0))
         follows = np.flatnonzero((low <= most + NEAR_US) & (high >= least - NEAR_US))
         if follows.size:

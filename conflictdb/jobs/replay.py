@@ -8,6 +8,7 @@ import numpy as np
 import psycopg
 
 from conflictdb import store
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.fixes import Fixes, rows_of
 from conflictdb.jobs import detect
 from conflictdb.jobs.looks import Looks
@@ -15,6 +16,8 @@ from conflictdb.jobs.looks import Looks
 # Recorded time that passes between two looks, microseconds, and in a second.
 _STEP_US: Final = 10_000_000
 SPEED: Final = 60.0
+# A longer gap between positions is left out: one wrong date would last for years.
+_LONGEST_GAP_US: Final = 86_400_000_000
 
 
 def replay(
@@ -29,6 +32,8 @@ def replay(
 
     The clock of the looks is that of the positions. Positions of other keys are left out.
 
+    Of a time without a position a day is replayed. Raises InvalidInput for a position in the future, before all others.
+
     speed : recorded seconds in a second
     report : called after each look with the instant and the number of positions
     """
@@ -40,9 +45,12 @@ def replay(
         return 0
     order = np.argsort(at_us, kind="stable")
     keys, at_us, lonlat = np.array(every, object)[order], at_us[order], lonlat[order]
-    looks, began_s, done = Looks(), time.monotonic(), 0
-    for now_us in range(int(at_us[0]), int(at_us[-1]) + _STEP_US, _STEP_US):
-        time.sleep(max(0.0, began_s + (now_us - int(at_us[0])) / 1e6 / speed - time.monotonic()))
+    if at_us[-1] > time.time_ns() // 1000:
+        raise InvalidInput(f"position of {keys[-1]!r}", "instant", "must not be in the future: these are recorded")
+    looks, due_s, done = Looks(), time.monotonic(), 0
+    now_us, end_us = int(at_us[0]), int(at_us[-1]) + _STEP_US
+    while now_us < end_us:
+        time.sleep(max(0.0, due_s - time.monotonic()))
         until = int(np.searchsorted(at_us, now_us, side="right"))
         if until > done:
             with store.transaction(conn):
@@ -53,4 +61,8 @@ def replay(
         while looks.is_behind:
             looked += looks.look(conn, now_us, is_silence_due=True)
         report(now_us, looked)
+        due_s += _STEP_US / 1e6 / speed
+        now_us += _STEP_US
+        if done < len(at_us) and now_us - at_us[done - 1] > _LONGEST_GAP_US:
+            now_us = max(now_us, int(at_us[done]))
     return done

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f25e1ed22ce27891acc4ae2c5633388a643d60001d44135e4798fd796ab1a4ea"
+routines_sha256 = "0a96ba96c9ae8f39b996224aea0ae9dcb32dc1cea13fe9448fab4a5f46fff618"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

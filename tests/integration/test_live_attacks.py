@@ -8,9 +8,11 @@ import psycopg
 import pytest
 from patience import WAIT_S, until_blocked
 
-from conflictdb import Scene, Track, connect, rectangle_outline_m, store
+from conflictdb import InvalidInput, Scene, Track, connect, rectangle_outline_m, store
+from conflictdb.formats.fixes import Fixes
 from conflictdb.jobs import detect
 from conflictdb.jobs.looks import Looks
+from conflictdb.jobs.replay import replay
 
 Conn = psycopg.Connection[Any]
 BEGAN = datetime.now(UTC).replace(microsecond=0) - timedelta(minutes=30)
@@ -273,3 +275,83 @@ def test_nothing_is_left_of_a_scene_whose_removal_was_replicated(sea: Conn) -> N
     assert look(sea, 29) == {}
     for table in ("position", "live_state", "live_conflict", "live_event"):
         assert sea.execute(f"SELECT count(*) FROM conflictdb.{table}".encode()).fetchone() == (0,), table
+
+
+def test_a_track_waits_between_its_voyages(sea: Conn) -> None:
+    """Of a ferry out and back once a day, also where a day has 25 hours, and in each voyage it counts anew."""
+    day, side = 25 * 60, rectangle_outline_m(500, 500, 500, 500)
+    ends = [(0.0, 10.0), (0.5, 10.0), (0.0, 10.0)]
+    departures = [us(-day), us(0), us(24 * 60)]
+    with connect(sea) as db:
+        db.scene("s").put(Track("DAILY", ends, [us(0), us(60), us(120)], side, departures_us=departures))
+        db.scene("s").detect()
+    found = []
+    for minute, lon, lat in (
+        (-day + 20, 20 / 120, 10.0), (-day + 119.5, 0.0, 10.0), (-day + 125, 0.0, 10.0), (-day + 300, 0.0, 10.02),
+        (-day + 700, 0.0, 10.0), (-10, 0.0, 10.0), (20, 20 / 120, 10.0), (28, 18 / 120, 10.0),
+    ):  # fmt: skip
+        sea.execute(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', 'DAILY', %s, ST_SetSRID(ST_MakePoint(%s, %s), 4326))",
+            [BEGAN + timedelta(minutes=minute), lon, lat],
+        )
+        assert look(sea, minute) == {}
+        (row,) = sea.execute("SELECT state, round(late_from_s / 60) FROM conflictdb.live")
+        found.append(row)
+    wait = "not yet under way"
+    assert [state for state, _ in found] == ["on plan", "on plan", wait, wait, wait, wait, "on plan", "late"]
+    assert found[-1][1] == 9
+
+
+def test_a_track_that_is_late_between_its_voyages_does_not_wait(sea: Conn) -> None:
+    """It was heard of before its first voyage only, and is under way when that should have ended."""
+    side = rectangle_outline_m(500, 500, 500, 500)
+    track = Track("DAILY", [(0.0, 10.0), (0.5, 10.0)], [us(0), us(60)], side, departures_us=[us(-120), us(24 * 60)])
+    with connect(sea) as db:
+        db.scene("s").put(track)
+        db.scene("s").detect()
+    for minute, place in ((-130, 0.0), (-30, 0.25)):
+        sea.execute(
+            "INSERT INTO conflictdb.position (scene, key, instant, place) "
+            "VALUES ('s', 'DAILY', %s, ST_SetSRID(ST_MakePoint(%s, 10), 4326))",
+            [BEGAN + timedelta(minutes=minute), place],
+        )
+        look(sea, minute)
+    assert sea.execute("SELECT state FROM conflictdb.live").fetchall() == [("late",)]
+
+
+def test_positions_that_no_look_has_read_are_kept(sea: Conn) -> None:
+    """No worker ran for two days: the last position of a ship is older than positions are kept."""
+    put(sea, 20, 0)
+    sea.execute("UPDATE conflictdb.position SET received_at = now() - interval '2 days'")
+    sea.commit()
+    prune = "SELECT conflictdb_internal._prune_positions()"
+    look(sea, 20)
+    put(sea, 28, 10)
+    sea.execute("UPDATE conflictdb.position SET received_at = now() - interval '2 days'")
+    sea.commit()
+    assert sea.execute(prune).fetchone() == (0,)
+    assert set(look(sea, 28)) == {("FERRY", "TOW")}
+    assert sea.execute(prune).fetchone() == (1,)
+    assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (0,)
+
+
+@pytest.mark.parametrize("far", ["a year before", "in the future"])
+def test_a_replay_does_not_wait_for_a_wrong_date(sea: Conn, monkeypatch: pytest.MonkeyPatch, far: str) -> None:
+    """Positions in the future are refused before any is inserted; long gaps are left out."""
+    at_us = [us(20), us(28)]
+    if far == "in the future":
+        at_us[1] = us(60 * 24 * 365)
+    else:
+        at_us[0] = us(-60 * 24 * 365)
+    fixes = {"FERRY": Fixes(lines=[2, 3], times_us=at_us, positions_deg=[(20 / 60, 0.0), (18 / 60, 0.0)])}
+    monkeypatch.setattr("conflictdb.jobs.replay._STEP_US", 3_600_000_000)
+    looked: list[int] = []
+    if far == "in the future":
+        with pytest.raises(InvalidInput, match="position of 'FERRY': instant: must not be in the future"):
+            replay(sea, "s", fixes, speed=1e9)
+        assert sea.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (0,)
+    else:
+        assert replay(sea, "s", fixes, speed=1e9, report=lambda now_us, _: looked.append(now_us)) == 2
+        assert len(looked) < 40
+        assert at_us[1] <= looked[-1] < at_us[1] + 3_600_000_000
