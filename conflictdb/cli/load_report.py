@@ -15,17 +15,15 @@ from conflictdb.cli.tables import coloured, show_table, table
 from conflictdb.cli.values import chosen_units, chosen_zone
 from conflictdb.core.ranking import Known, facts_of, missing_text, worst_first
 from conflictdb.errors import NotCurrent, said_once
-from conflictdb.formats.conflict_gpx import position_of
-from conflictdb.formats.conflict_text import MoreColumn
-from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
 from conflictdb.model.record import REMARKS, Column
-from conflictdb.model.results import Approach, Conflict, SceneState, format_moment, labelled
+from conflictdb.model.results import Approach, Conflict, SceneState, format_moment, labelled, position_of
 from conflictdb.model.units import Units
 
 if TYPE_CHECKING:
     from conflictdb.client.loading import Loaded
     from conflictdb.formats.conflict_ics import Activation
+    from conflictdb.formats.conflict_text import MoreColumn
     from conflictdb.formats.contents import Remark, Skipped
     from conflictdb.jobs.detect import Run
     from conflictdb.store import SceneStatus
@@ -63,7 +61,7 @@ def print_conflicts(
     conflicts: Iterable[Conflict],
     states: Sequence[SceneState],
     form: str,
-    more: Sequence[MoreColumn] = (),
+    more: "Sequence[MoreColumn]" = (),
     *,
     shown: Shown | None = None,
     known_depths: Callable[[Sequence[Conflict]], Known] = lambda _: {},
@@ -76,9 +74,13 @@ def print_conflicts(
     """
     remark_incomplete(states)
     if form == "geoparquet":
+        from conflictdb.formats.writing import write_geoparquet  # tables need none
+
         with binary() as stream:
             write_geoparquet(stream, conflicts)
     elif form != "table":
+        from conflictdb.formats.writing import lines_of  # the same
+
         left_out: list[Conflict] = []
         lines = lines_of(conflicts, form, Conflict, states, more, left_out.append, activations)
         data(lines, is_json=form in ("json", "geojson"))
@@ -97,6 +99,8 @@ def print_approaches(
     """Print closest approaches as `print_conflicts` prints conflicts."""
     remark_incomplete(states)
     if form != "table":
+        from conflictdb.formats.writing import lines_of  # tables need none
+
         data(lines_of(approaches, form, Approach, states), is_json=form != "csv")
     elif rows := list(approaches):
         show_table(approach_table(rows, shown=shown))
@@ -137,7 +141,7 @@ _Column = tuple[str, Callable[[Any], object]]
 
 def conflict_table(
     conflicts: Sequence[Conflict],
-    more: Sequence[MoreColumn] = (),
+    more: "Sequence[MoreColumn]" = (),
     *,
     shown: Shown | None = None,
     known: Known = _NO_DEPTHS,
@@ -184,7 +188,7 @@ def _remark(column: Column, one: Conflict) -> object:
 
 
 def approach_table(
-    approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown | None = None
+    approaches: Sequence[Approach | Conflict], more: "Sequence[MoreColumn]" = (), *, shown: Shown | None = None
 ) -> str:
     """Return a table of closest approaches, one line per pair, times to the second."""
     shown, units = shown or Shown(), chosen_units()
@@ -206,7 +210,7 @@ def _apart(closest_m: float, units: Units) -> str:
 def _pair_table(
     pairs: Sequence[Approach | Conflict],
     columns: list[_Column],
-    more: Sequence[MoreColumn],
+    more: "Sequence[MoreColumn]",
     right: Sequence[str],
     whole: Sequence[str],
 ) -> str:

@@ -14,7 +14,6 @@ from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
 from conflictdb.cli.values import chosen_zone
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
 
 if TYPE_CHECKING:
@@ -85,6 +84,8 @@ def export(args: argparse.Namespace) -> int:
     with database(args) as db:
         scene = db.scene(args.scene)
         if is_binary and (args.file == "-" or not is_parquet(args.file)):
+            from conflictdb.formats.writing import whole_file  # lists need none
+
             with binary() if args.file == "-" else whole_file(args.file) as stream:
                 scene.write_geoparquet(stream)
         elif args.file == "-":

@@ -15,7 +15,6 @@ from conflictdb.cli.load_report import run_text, scene_table
 from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
-from conflictdb.cli.watch import Metrics, served
 from conflictdb.client.database import Status
 from conflictdb.errors import ConflictDBError
 from conflictdb.formats.json_text import dumped
@@ -43,6 +42,8 @@ def work(args: argparse.Namespace) -> int:
         if args.once:
             return DONE if worker.once() else FAILED
         if args.http is not None:
+            from conflictdb.cli.watch import Metrics, served  # `status` serves nothing
+
             metrics = Metrics(worker.state)
             worker.counts = True
             worker.report = metrics.counted(log.report)

@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from conflictdb.errors import printable
-from conflictdb.model.results import Conflict, Position, format_moment, interval_text
+from conflictdb.model.results import Conflict, format_moment, interval_text, position_of
 
 _HEAD: Final = """<?xml version="1.0" encoding="UTF-8"?>
 <gpx version="1.1" creator="conflictdb" xmlns="http://www.topografix.com/GPX/1/1">
@@ -30,11 +30,6 @@ def as_gpx(conflicts: Iterable[Conflict], leave_out: Callable[[Conflict], object
             f"<type>{one.verdict}</type></wpt>\n"
         )
     yield "</gpx>\n"
-
-
-def position_of(one: Conflict) -> Position | None:
-    """Return where two objects first touch, else the nearest point of the first one; None if neither is known."""
-    return one.first_contact_deg or one.closest_a_deg
 
 
 def _text(text: str) -> str:

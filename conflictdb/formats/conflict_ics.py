@@ -6,8 +6,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
 from conflictdb.errors import printable
-from conflictdb.formats.conflict_gpx import position_of
-from conflictdb.model.results import Conflict, Verdict, labelled
+from conflictdb.model.results import Conflict, Verdict, labelled, position_of
 
 _LINE_END: Final = "\r\n"
 _MOST_BYTES: Final = 75  # of a line; longer ones continue on the next, after a blank

@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Final, cast
+from typing import IO, TYPE_CHECKING, Final, cast
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.conflict_gpx import as_gpx
-from conflictdb.formats.conflict_ics import Activation, as_ics
 from conflictdb.formats.conflict_text import MoreColumn, as_csv, as_geojson, as_json, columns_of
 from conflictdb.model.results import Approach, Conflict, Listing, SceneState, Stream
+
+if TYPE_CHECKING:
+    from conflictdb.formats.conflict_ics import Activation
 
 _PARQUET: Final = ".parquet"
 _FORMATS: Final = (".geojson", ".json", ".csv", ".gpx", ".ics", _PARQUET)
@@ -74,7 +75,7 @@ def lines_of(
     states: Sequence[SceneState] = (),
     more: Sequence[MoreColumn] = (),
     leave_out: Callable[[Conflict], object] = lambda _: None,
-    activations: Sequence[Activation] = (),
+    activations: "Sequence[Activation]" = (),
 ) -> Iterator[str]:
     """Return the lines of a file of conflicts or closest approaches.
 
@@ -91,7 +92,13 @@ def lines_of(
     if form == "geojson":
         return as_geojson(pairs, states, more)
     conflicts = cast("Iterable[Conflict]", pairs)
-    return as_gpx(conflicts, leave_out) if form == "gpx" else as_ics(conflicts, leave_out, activations)
+    if form == "gpx":
+        from conflictdb.formats.conflict_gpx import as_gpx  # no other form needs its libraries
+
+        return as_gpx(conflicts, leave_out)
+    from conflictdb.formats.conflict_ics import as_ics  # the same
+
+    return as_ics(conflicts, leave_out, activations)
 
 
 def write_geoparquet(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:

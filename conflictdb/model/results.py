@@ -307,6 +307,11 @@ def _shared(pair: PairRecord) -> dict[str, Any]:
     return {name: getattr(pair, name) for name in _SHARED}
 
 
+def position_of(one: Conflict) -> Position | None:
+    """Return where two objects first touch, else the nearest point of the first one; None if neither is known."""
+    return one.first_contact_deg or one.closest_a_deg
+
+
 @dataclass(frozen=True, slots=True)
 class ConflictEvent:
     """An event of a conflict: a row of the view `conflict_events`.
