@@ -48,6 +48,11 @@ class Server:
         self.last: Any = None
         self.history: list[tuple[int, int]] = []
         self.reactions: list[tuple[int, int, str]] = []
+        self.intents: list[dict[str, Any]] = []
+        self.reference: Any = None
+        self.details = SimpleNamespace(off_nominal_volumes="")
+        self.dss: list[dict[str, Any]] = []
+        self.is_dss_down = False
 
     def repository(self, _: object) -> Any:
         async def overlapping(start: datetime, end: datetime) -> list[Any]:
@@ -56,8 +61,14 @@ class Server:
         async def note(_: uuid.UUID, original_state: int, new_state: int, notes: str) -> None:
             self.history.append((original_state, new_state))
 
-        async def update(_: uuid.UUID, state: int) -> None:
-            self.flight.state = state
+        async def update(_: uuid.UUID, **fields: Any) -> None:
+            vars(self.flight).update(fields)
+
+        async def reference(_: uuid.UUID) -> Any:
+            return self.reference
+
+        async def details(_: uuid.UUID) -> Any:
+            return self.details
 
         async def latest(session_id: uuid.UUID) -> Any:
             return self.last
@@ -66,12 +77,25 @@ class Server:
             get_active_declarations_overlapping_time_window=overlapping,
             add_state_history_entry=note,
             update=update,
+            get_opint_reference_by_declaration_id=reference,
+            get_opint_detail_by_declaration_id=details,
             get_latest_flight_observation_by_session=latest,
         )
+
+    def dss_client(self) -> Any:
+        async def put(**message: Any) -> Any:
+            self.dss.append(message)
+            if self.is_dss_down:
+                raise ConnectionError("no DSS")
+            new = SimpleNamespace(operational_intent_reference=SimpleNamespace(ovn=f"ovn {len(self.dss)}"))
+            return SimpleNamespace(status=200, message="", dss_response=new)
+
+        return SimpleNamespace(update_specified_operational_intent_reference=put)
 
     def helper(self, _: uuid.UUID, session: object) -> Any:
         async def react(original_state: int, new_state: int, event: str) -> None:
             self.reactions.append((original_state, new_state, event))
+            self.intents.append(json.loads(self.flight.operational_intent))
 
         return SimpleNamespace(manage_operation_state_transition=react)
 
@@ -85,7 +109,11 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Server:
         "models.flight_declarations_orm": {"FlightDeclarationORM": SimpleNamespace},
         "repositories.flight_declarations_repo": {"SQLAlchemyFlightDeclarationRepository": server.repository},
         "repositories.flight_feed_repo": {"SQLAlchemyFlightFeedRepository": server.repository},
-        "services.conformance_svc": {"FlightOperationConformanceHelper": server.helper},
+        "services.conformance_svc": {
+            "FlightOperationConformanceHelper": server.helper,
+            "cast_to_volume4d": lambda volume: volume,
+        },
+        "clients.dss_scd_client": {"SCDOperations": server.dss_client},
     }
     for name in ["", *sorted({name.partition(".")[0] for name in types}), *types]:
         content = types.get(name, {})
@@ -233,7 +261,59 @@ def test_states_follow_from_positions(
         "ua_exits_coordinated_op_intent", "operator_return_to_coordinated_op_intent",
         "ua_exits_coordinated_op_intent", "timeout", "flight_blender_confirms_contingent",
     ]  # fmt: skip
+    # At each reaction the stored intent has its new state, and where the flight may be.
+    assert [one["state"] for one in stand_ins.intents] == [
+        "Nonconforming", "Activated", "Nonconforming", "Activated", "Nonconforming", "Contingent", "Contingent",
+    ]  # fmt: skip
+    places = [[one["volume"]["outline_circle"]["center"]["lng"] for one in intent["off_nominal_volumes"]]
+              for intent in stand_ins.intents]  # fmt: skip
+    assert places == [[8.0005], [], [8.0015], [], [8.0019], [8.0019], [8.0015]]
+    assert {len(one["volumes"]) for one in stand_ins.intents} == {2}
+    off = stand_ins.intents[2]["off_nominal_volumes"][0]["volume"]
+    assert (off["altitude_lower"]["value"], off["altitude_upper"]["value"]) == (-400.0, 600.0)
     assert [pair for *pair, _ in stand_ins.reactions] == [list(pair) for pair in stand_ins.history]
+
+
+def test_the_dss_learns_of_states_and_of_where_a_flight_may_be(
+    stand_ins: Server, engine: Any, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With each change, and each minute while it is outside; if there is no DSS, the state changes all the same."""
+    monkeypatch.delitem(sys.modules, "conflictdb_states", raising=False)
+    module = importlib.import_module("conflictdb_states")
+    now = datetime.now(UTC).replace(microsecond=0)
+    monkeypatch.setattr(sys.modules[__name__], "BEGIN", now - timedelta(minutes=6))
+    stand_ins.flight.operational_intent = json.dumps({"volumes": [volume(8.0, 0)], "priority": 0})
+    stand_ins.reference = SimpleNamespace(id=uuid.UUID(int=7), ovn="ovn 0", state="Activated", subscription_id="sub")
+    flushed: list[str] = []
+
+    async def flush() -> None:
+        flushed.append(stand_ins.reference.ovn)
+
+    with connect(dsn) as db:
+        states, looks = module.States(db), Looks()
+        for seconds, lng, is_down in ((0, 8.0005, False), (1, 8.01, False), (30, 8.011, False), (62, 8.012, True),
+                                      (130, 8.0005, False)):  # fmt: skip
+            at, stand_ins.is_dss_down = now - timedelta(seconds=200 - seconds), is_down
+            stand_ins.last = SimpleNamespace(created_at=at, longitude_dd=lng, latitude_dd=47.0005, altitude_mm=60.0)
+            for turn in range(2):
+                with ThreadPoolExecutor(1) as thread:
+                    thread.submit(asyncio.run, states.step(SimpleNamespace(flush=flush))).result()
+                if not turn:
+                    looks.look(db.connection, round(1e6 * at.timestamp()), is_silence_due=True)
+    told = [(one["current_state"], one["new_state"], one["ovn"], len(one["extents"])) for one in stand_ins.dss]
+    assert told == [
+        ("Activated", "Nonconforming", "ovn 0", 2),
+        ("Nonconforming", "Nonconforming", "ovn 1", 2),  # no answer
+        ("Nonconforming", "Nonconforming", "ovn 1", 2),
+        ("Nonconforming", "Activated", "ovn 3", 1),
+    ]
+    assert [one["operational_intent_ref_id"] for one in stand_ins.dss] == [str(uuid.UUID(int=7))] * 4
+    ring = stand_ins.dss[0]["extents"][0]["volume"]["outline_polygon"]["vertices"]
+    assert (len(ring), ring[0]) == (5, ring[-1])
+    assert (stand_ins.reference.ovn, stand_ins.reference.state) == ("ovn 4", "Activated")
+    assert flushed == ["ovn 1", "ovn 3", "ovn 4"]
+    assert stand_ins.details.off_nominal_volumes == "[]"
+    assert stand_ins.flight.state == State.Activated
 
 
 def test_the_types_of_the_server(engine_of_server: Any) -> None:
