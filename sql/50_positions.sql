@@ -233,23 +233,42 @@ COMMENT ON FUNCTION _renames_since(pg_snapshot) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._are_keys_stale() RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    RETURN EXISTS (SELECT FROM position_look l CROSS JOIN LATERAL _renames_since(coalesce(l.reading, l.seen)) r);
+    RETURN EXISTS (SELECT FROM position_look l CROSS JOIN LATERAL _renames_since(coalesce(l.renamed, l.seen)) r);
 END
 $$;
 COMMENT ON FUNCTION _are_keys_stale() IS
 'Whether objects got other keys since the look of this transaction began, so that it should be done again.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._snapshot_of(p_xmax xid8, p_running xid8[]) RETURNS pg_snapshot
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_running xid8[] := ARRAY(SELECT DISTINCT x FROM unnest(p_running) x WHERE x < p_xmax ORDER BY x);
+BEGIN
+    RETURN format('%s:%s:%s', coalesce(v_running[1], p_xmax), p_xmax, array_to_string(v_running, ','))::pg_snapshot;
+END
+$$;
+COMMENT ON FUNCTION _snapshot_of(xid8, xid8[]) IS
+'Snapshot of all transactions before p_xmax but those in p_running.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._new_positions(
     p_most integer,
     OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint,
     OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision
 ) RETURNS SETOF record
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET jit = off AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET plan_cache_mode = force_generic_plan
+SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_look position_look;
+    v_now pg_snapshot;
+    v_from xid8;
+    v_until xid8;
+    -- Transactions that the last look saw running, and that have committed.
+    v_late xid8[];
+    v_waiting xid8[];
+    v_large xid8;
+    v_last position_look;
     v_one record;
-    v_count integer := 0;
     v_scene_id bigint;
     v_is_there boolean;
     v_is_renamed boolean := false;
@@ -258,37 +277,82 @@ BEGIN
         RETURN;
     END IF;
     SELECT l.* INTO v_look FROM position_look l;
+    v_now := pg_current_snapshot();
     -- The first look, and the first of a restored database, which counts its transactions from 1: it reads all
-    -- positions again, which changes nothing. Those of later transactions than there are become its own: else each look
-    -- would read them.
-    IF v_look.reading IS NULL AND pg_snapshot_xmax(v_look.seen) = '1'
-       OR pg_snapshot_xmax(coalesce(v_look.reading, v_look.seen)) > pg_snapshot_xmax(pg_current_snapshot()) THEN
-        v_look := (true, '1:1:', NULL, NULL, NULL, NULL);
-        UPDATE position SET transaction_id = pg_current_xact_id()
-            WHERE transaction_id > pg_current_xact_id();
-        v_look.reading := pg_current_snapshot();
-    ELSIF v_look.reading IS NULL THEN
-        v_look.reading := pg_current_snapshot();
+    -- positions again, which changes nothing. Those of later transactions than there are become those of the first:
+    -- else no look would read them.
+    IF v_look.transaction_id IS NULL AND pg_snapshot_xmax(v_look.seen) = '1'
+       OR greatest(pg_snapshot_xmax(v_look.seen), v_look.transaction_id) > pg_snapshot_xmax(v_now) THEN
+        v_look := (true, '1:1:', NULL, NULL, NULL, NULL, NULL, false);
+        UPDATE position SET transaction_id = '1' WHERE transaction_id > pg_current_xact_id();
+    ELSE
         -- Before positions that came under the new keys.
-        v_is_renamed := _follow_renames(v_look.seen, v_look.reading);
+        v_is_renamed := _follow_renames(coalesce(v_look.renamed, v_look.seen), v_now);
+    END IF;
+    v_large := v_look.transaction_id;
+    IF v_large IS NULL THEN
+        v_from := pg_snapshot_xmax(v_look.seen);
+        v_late := ARRAY(SELECT x FROM pg_snapshot_xip(v_look.seen) x WHERE pg_visible_in_snapshot(x, v_now));
+        -- No sort, and no more than p_most + 1 rows of each: a look costs the same, however much waits.
+        v_waiting := ARRAY(
+            SELECT w.transaction_id
+            FROM (SELECT o.transaction_id FROM unnest(v_late) x
+                  CROSS JOIN LATERAL (SELECT p.transaction_id FROM position p WHERE p.transaction_id = x
+                                      LIMIT p_most + 1) o
+                  UNION ALL
+                  (SELECT p.transaction_id FROM position p
+                   WHERE p.transaction_id >= v_from AND pg_visible_in_snapshot(p.transaction_id, v_now)
+                   ORDER BY p.transaction_id LIMIT p_most + 1)) w
+            ORDER BY w.transaction_id LIMIT p_most + 1);
+        v_until := coalesce(v_waiting[p_most + 1], pg_snapshot_xmax(v_now));
+        IF cardinality(v_waiting) > p_most THEN
+            v_look.is_behind := true;
+            IF v_until = v_waiting[1] THEN
+                v_large := v_until;
+            END IF;
+            v_look.seen := _snapshot_of(greatest(v_from, v_until), ARRAY(
+                SELECT x FROM pg_snapshot_xip(v_look.seen) x WHERE x >= v_until OR NOT pg_visible_in_snapshot(x, v_now)
+                UNION ALL SELECT pg_snapshot_xip(v_now)));
+        ELSE
+            -- While there are no positions, an older snapshot serves as well; but it must not become costly to compare
+            -- with, nor must each look pass over the rows of a transaction that is running.
+            IF cardinality(v_waiting) > 0 OR v_is_renamed OR v_look.is_behind OR EXISTS (SELECT pg_snapshot_xip(v_now))
+               OR pg_snapshot_xmax(v_now)::text::numeric - v_from::text::numeric > 10000 THEN
+                v_look.seen := v_now;
+            END IF;
+            v_look.is_behind := false;
+        END IF;
+    END IF;
+    IF v_large IS NOT NULL THEN
+        -- A transaction that is larger than a look: by scenes and instants.
+        SELECT o.scene_id, o.instant, o.key INTO v_last.scene_id, v_last.instant, v_last.key
+            FROM position o
+            WHERE o.transaction_id = v_large
+              AND (o.scene_id, o.instant, o.key)
+                  > (coalesce(v_look.scene_id, 0), coalesce(v_look.instant, '-infinity'), coalesce(v_look.key, ''))
+            ORDER BY o.scene_id, o.instant, o.key OFFSET p_most - 1 LIMIT 1;
+        v_from := NULL;
+        v_late := NULL;
     END IF;
     FOR v_one IN
         SELECT p.scene_id, p.key, t.track_id, t.version, p.instant, ST_X(p.place) AS lon, ST_Y(p.place) AS lat,
                p.height_m, p.error_m
-        -- OFFSET 0: no index is in the order of instants.
-        FROM (SELECT o.* FROM position o WHERE o.transaction_id >= pg_snapshot_xmax(v_look.seen)
+        FROM (SELECT o.* FROM position o
+              WHERE o.transaction_id >= v_from AND o.transaction_id < v_until
+                AND pg_visible_in_snapshot(o.transaction_id, v_now)
+              UNION ALL
+              SELECT o.* FROM position o WHERE o.transaction_id = ANY (v_late) AND o.transaction_id < v_until
               UNION ALL
               SELECT o.* FROM position o
-              WHERE o.transaction_id = ANY (ARRAY(SELECT pg_snapshot_xip(v_look.seen))) OFFSET 0) p
+              WHERE o.transaction_id = v_large
+                AND (o.scene_id, o.instant, o.key)
+                    > (coalesce(v_look.scene_id, 0), coalesce(v_look.instant, '-infinity'), coalesce(v_look.key, ''))
+                AND (o.scene_id, o.instant, o.key)
+                    <= (coalesce(v_last.scene_id, 9223372036854775807), coalesce(v_last.instant, 'infinity'),
+                        coalesce(v_last.key, '')) OFFSET 0) p
         JOIN scene s ON s.scene_id = p.scene_id
         JOIN track t ON t.scene_id = p.scene_id AND t.key = p.key
-        -- This transaction, which a restore may have written them in, is not over for itself.
-        WHERE (pg_visible_in_snapshot(p.transaction_id, v_look.reading)
-               OR p.transaction_id = pg_current_xact_id_if_assigned())
-          AND (v_look.scene_id IS NULL
-               OR (p.scene_id, p.instant, p.key) > (v_look.scene_id, v_look.instant, v_look.key))
-        ORDER BY p.scene_id, p.instant, p.key LIMIT p_most LOOP
-        v_count := v_count + 1;
+        ORDER BY p.scene_id, p.instant, p.key LOOP
         IF v_one.scene_id IS DISTINCT FROM v_scene_id THEN
             -- Whoever removes a scene locks it first, and then what the look writes.
             PERFORM FROM scene s WHERE s.scene_id = v_one.scene_id FOR KEY SHARE;
@@ -307,20 +371,42 @@ BEGIN
         error_m := v_one.error_m;
         RETURN NEXT;
     END LOOP;
-    IF v_count = p_most THEN
-        UPDATE position_look l SET seen = v_look.seen, reading = v_look.reading, scene_id = v_one.scene_id,
-                                   instant = v_one.instant, key = v_one.key;
-    -- While there are no positions, an older snapshot serves as well; it must not become costly to compare with.
-    ELSIF v_count > 0 OR v_is_renamed OR v_look.scene_id IS NOT NULL
-       OR pg_snapshot_xmax(v_look.reading)::text::numeric - pg_snapshot_xmax(v_look.seen)::text::numeric > 10000 THEN
-        UPDATE position_look l SET seen = v_look.reading, reading = NULL, scene_id = NULL, instant = NULL, key = NULL;
+    IF v_large IS NULL THEN
+        v_look.transaction_id := NULL;
+    ELSIF v_last.scene_id IS NULL THEN
+        v_look.seen := _snapshot_of(
+            greatest(pg_snapshot_xmax(v_look.seen), (v_large::text::numeric + 1)::text::xid8),
+            array_remove(ARRAY(SELECT pg_snapshot_xip(v_look.seen)), v_large));
+        v_look.transaction_id := NULL;
+        v_look.scene_id := NULL;
+        v_look.instant := NULL;
+        v_look.key := NULL;
+    ELSE
+        v_look.transaction_id := v_large;
+        v_look.scene_id := v_last.scene_id;
+        v_look.instant := v_last.instant;
+        v_look.key := v_last.key;
     END IF;
+    v_look.renamed := CASE WHEN v_look.is_behind THEN v_now END;
+    UPDATE position_look l
+        SET seen = v_look.seen, renamed = v_look.renamed, transaction_id = v_look.transaction_id,
+            scene_id = v_look.scene_id, instant = v_look.instant, key = v_look.key, is_behind = v_look.is_behind
+        WHERE v_look.is_behind OR (l.seen::text, l.is_behind) IS DISTINCT FROM (v_look.seen::text, v_look.is_behind);
 END
 $$;
 COMMENT ON FUNCTION _new_positions(integer) IS
 'Positions committed since the last look, at most p_most, in the order of scenes and instants, with the track that has '
-'their key; the next look reads the others. None while another session looks. The transaction must end after what '
-'follows from them is stored.';
+'their key. If more wait, those of the earliest transactions, or a part of one; the next look reads the others. None '
+'while another session looks. The transaction must end after what follows from them is stored.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_behind() RETURNS boolean
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN _may_look() AND (SELECT l.is_behind FROM position_look l);
+END
+$$;
+COMMENT ON FUNCTION _is_behind() IS
+'Whether positions may wait that the last look did not read; false while another session looks.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_old_slot(p_slot integer, p_until timestamptz) RETURNS boolean
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -398,7 +484,9 @@ $$;
 COMMENT ON TABLE position_look IS 'What the last look at positions saw: one row.';
 COMMENT ON COLUMN position_look.is_only IS 'True.';
 COMMENT ON COLUMN position_look.seen IS 'Transactions whose positions were all seen.';
-COMMENT ON COLUMN position_look.reading IS 'Transactions whose positions are being read in parts; null: none.';
-COMMENT ON COLUMN position_look.scene_id IS 'Scene of the last position of them that was seen; null as reading.';
-COMMENT ON COLUMN position_look.instant IS 'Its instant; null as reading.';
-COMMENT ON COLUMN position_look.key IS 'Its key; null as reading.';
+COMMENT ON COLUMN position_look.renamed IS 'Transactions whose renames looks have followed; null: as seen.';
+COMMENT ON COLUMN position_look.transaction_id IS 'Transaction that looks read in parts; null: none.';
+COMMENT ON COLUMN position_look.scene_id IS 'Scene of its last position that was seen; null as transaction_id.';
+COMMENT ON COLUMN position_look.instant IS 'Instant of that position; null as transaction_id.';
+COMMENT ON COLUMN position_look.key IS 'Key of that position; null as transaction_id.';
+COMMENT ON COLUMN position_look.is_behind IS 'Whether more positions waited than the last look read.';

@@ -70,7 +70,7 @@ class Looks:
     def look(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool) -> int:
         """Compare positions since the last look with plans, and commit; return their number.
 
-        Reads at most 20,000: of a backlog the oldest ones of a scene.
+        Reads at most 20,000: of a backlog those of the earliest transactions, of a larger transaction the oldest ones.
 
         is_silence_due : unless more positions wait, also look which tracks are silent, and which have other plans than
             their states are of
@@ -78,22 +78,26 @@ class Looks:
         self.is_behind = False
         for attempt in range(1, _ATTEMPTS + 1):
             with suppress(_StaleKeys):
-                read = self._attempt(conn, now_us, is_silence_due=is_silence_due, is_last=attempt == _ATTEMPTS)
-                self.is_behind = read == _AT_ONCE
+                is_last = attempt == _ATTEMPTS
+                read, self.is_behind = self._attempt(conn, now_us, is_silence_due=is_silence_due, is_last=is_last)
                 return read
         raise AssertionError("the last attempt counts")
 
-    def _attempt(self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool, is_last: bool) -> int:
+    def _attempt(
+        self, conn: psycopg.Connection[Any], now_us: int, *, is_silence_due: bool, is_last: bool
+    ) -> tuple[int, bool]:
+        """Return how many positions were read, and whether more wait."""
         with store.transaction(conn):
             heard = store.new_positions(conn, _AT_ONCE)
+            is_behind = store.is_behind(conn)
             self._compare_all(conn, heard, now_us)
-            if is_silence_due and len(heard) < _AT_ONCE:
+            if is_silence_due and not is_behind:
                 self._compare_all(conn, store.replanned(conn), now_us, is_again=True)
                 self._look_for_silence(conn, now_us)
             # An alarm under the former key would end, and begin again.
             if not is_last and store.are_keys_stale(conn):
                 raise _StaleKeys
-        return len(heard)
+        return len(heard), is_behind
 
     def _compare_all(
         self, conn: psycopg.Connection[Any], heard: list[store.Heard], now_us: int, *, is_again: bool = False

@@ -110,6 +110,7 @@ if TYPE_CHECKING:
         end_alarms,
         following,
         insert_positions,
+        is_behind,
         live,
         live_conflicts,
         live_states,

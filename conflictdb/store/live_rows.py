@@ -125,7 +125,7 @@ class Unheard(NamedTuple):
 def new_positions(conn: psycopg.Connection[Any], most: int) -> list[Heard]:
     """Return positions since the last look, in the order of scenes and instants, in the open transaction.
 
-    most : of them; if there are more, the next look reads on
+    most : of them; if there are more, the next look reads on (`is_behind`)
     """
     return [Heard(*row) for row in call_many(conn, "_new_positions", most)]
 
@@ -133,6 +133,12 @@ def new_positions(conn: psycopg.Connection[Any], most: int) -> list[Heard]:
 def are_keys_stale(conn: psycopg.Connection[Any]) -> bool:
     """Return whether objects got other keys since the look of the open transaction began."""
     return bool(call(conn, "_are_keys_stale")[0])
+
+
+def is_behind(conn: psycopg.Connection[Any]) -> bool:
+    """Return whether positions may wait that the last look of this session did not read, in the open transaction."""
+    (answer,) = call(conn, "_is_behind")
+    return bool(answer)
 
 
 def replanned(conn: psycopg.Connection[Any]) -> list[Heard]:

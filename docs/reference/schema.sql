@@ -451,10 +451,12 @@ TABLE position_7 (
 TABLE position_look (
     is_only boolean NOT NULL,
     seen pg_snapshot NOT NULL,
-    reading pg_snapshot,
+    renamed pg_snapshot,
+    transaction_id xid8,
     scene_id bigint,
     instant timestamp with time zone,
-    key text COLLATE C
+    key text COLLATE C,
+    is_behind boolean NOT NULL DEFAULT false
 );
 
 TABLE probe_reply (
@@ -1079,7 +1081,7 @@ END));
 CONSTRAINT piece_pkey ON piece: PRIMARY KEY (piece_id);
 CONSTRAINT piece_span_not_empty ON piece: CHECK ((NOT isempty(span)));
 CONSTRAINT position_look_one ON position_look: CHECK (is_only);
-CONSTRAINT position_look_parts ON position_look: CHECK ((num_nulls(reading, scene_id, instant, key) = ANY (ARRAY[0, 4])));
+CONSTRAINT position_look_parts ON position_look: CHECK ((num_nulls(transaction_id, scene_id, instant, key) = ANY (ARRAY[0, 4])));
 CONSTRAINT position_look_pkey ON position_look: PRIMARY KEY (is_only);
 CONSTRAINT probe_reply_kind_known ON probe_reply: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT probe_reply_pkey ON probe_reply: PRIMARY KEY (probe_id, plan_key, key);
@@ -1182,23 +1184,23 @@ CREATE INDEX live_state_straying_btree ON conflictdb.live_state USING btree (sce
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX position_0_scene_id_key_instant_idx ON conflictdb.position_0 USING btree (scene_id, key, instant);
-CREATE INDEX position_0_transaction_id_idx ON conflictdb.position_0 USING btree (transaction_id);
+CREATE INDEX position_0_transaction_id_scene_id_instant_key_idx ON conflictdb.position_0 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_1_scene_id_key_instant_idx ON conflictdb.position_1 USING btree (scene_id, key, instant);
-CREATE INDEX position_1_transaction_id_idx ON conflictdb.position_1 USING btree (transaction_id);
+CREATE INDEX position_1_transaction_id_scene_id_instant_key_idx ON conflictdb.position_1 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_2_scene_id_key_instant_idx ON conflictdb.position_2 USING btree (scene_id, key, instant);
-CREATE INDEX position_2_transaction_id_idx ON conflictdb.position_2 USING btree (transaction_id);
+CREATE INDEX position_2_transaction_id_scene_id_instant_key_idx ON conflictdb.position_2 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_3_scene_id_key_instant_idx ON conflictdb.position_3 USING btree (scene_id, key, instant);
-CREATE INDEX position_3_transaction_id_idx ON conflictdb.position_3 USING btree (transaction_id);
+CREATE INDEX position_3_transaction_id_scene_id_instant_key_idx ON conflictdb.position_3 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_4_scene_id_key_instant_idx ON conflictdb.position_4 USING btree (scene_id, key, instant);
-CREATE INDEX position_4_transaction_id_idx ON conflictdb.position_4 USING btree (transaction_id);
+CREATE INDEX position_4_transaction_id_scene_id_instant_key_idx ON conflictdb.position_4 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_5_scene_id_key_instant_idx ON conflictdb.position_5 USING btree (scene_id, key, instant);
-CREATE INDEX position_5_transaction_id_idx ON conflictdb.position_5 USING btree (transaction_id);
+CREATE INDEX position_5_transaction_id_scene_id_instant_key_idx ON conflictdb.position_5 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_6_scene_id_key_instant_idx ON conflictdb.position_6 USING btree (scene_id, key, instant);
-CREATE INDEX position_6_transaction_id_idx ON conflictdb.position_6 USING btree (transaction_id);
+CREATE INDEX position_6_transaction_id_scene_id_instant_key_idx ON conflictdb.position_6 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_7_scene_id_key_instant_idx ON conflictdb.position_7 USING btree (scene_id, key, instant);
-CREATE INDEX position_7_transaction_id_idx ON conflictdb.position_7 USING btree (transaction_id);
+CREATE INDEX position_7_transaction_id_scene_id_instant_key_idx ON conflictdb.position_7 USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX position_scene_id_key_btree ON ONLY conflictdb."position" USING btree (scene_id, key, instant);
-CREATE INDEX position_transaction_id_btree ON ONLY conflictdb."position" USING btree (transaction_id);
+CREATE INDEX position_transaction_id_btree ON ONLY conflictdb."position" USING btree (transaction_id, scene_id, instant, key);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
 CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
 CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
@@ -1954,6 +1956,9 @@ FUNCTION _is_all_dirty(p_scene_id bigint)
 FUNCTION _is_awaited(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _is_behind()
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -2207,7 +2212,7 @@ FUNCTION _need_schedules(p_scene_id bigint, p_keys text[])
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _new_positions(p_most integer, OUT scene_id bigint, OUT key text, OUT track_id bigint, OUT version bigint, OUT instant_us bigint, OUT lon double precision, OUT lat double precision, OUT height_m double precision, OUT error_m double precision)
-    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
@@ -2658,6 +2663,9 @@ FUNCTION _sides(p_a_class text, p_b_class text, OUT rank integer, OUT first text
 
 FUNCTION _silent_after_s()
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _snapshot_of(p_xmax xid8, p_running xid8[])
+    RETURNS pg_snapshot LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT activations bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;

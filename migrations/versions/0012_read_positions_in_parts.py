@@ -8,21 +8,28 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0a96ba96c9ae8f39b996224aea0ae9dcb32dc1cea13fe9448fab4a5f46fff618"
+routines_sha256 = "e3d57144bb8db5815a88f1be6899363c1a82e08b75de0d4c2b428b425d8ee764"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
 
 
-# Which transactions a look reads in parts, and up to which position.
+# Which transaction looks read in parts, and up to which position.
 POSITION_LOOK = """
 ALTER TABLE conflictdb.position_look
-    ADD COLUMN IF NOT EXISTS reading pg_snapshot,
+    ADD COLUMN IF NOT EXISTS renamed pg_snapshot,
+    ADD COLUMN IF NOT EXISTS transaction_id xid8,
     ADD COLUMN IF NOT EXISTS scene_id bigint,
     ADD COLUMN IF NOT EXISTS instant timestamptz,
     ADD COLUMN IF NOT EXISTS key text COLLATE "C",
+    ADD COLUMN IF NOT EXISTS is_behind boolean NOT NULL DEFAULT false,
     DROP CONSTRAINT IF EXISTS position_look_parts,
-    ADD CONSTRAINT position_look_parts CHECK (num_nulls(reading, scene_id, instant, key) IN (0, 4))
+    ADD CONSTRAINT position_look_parts CHECK (num_nulls(transaction_id, scene_id, instant, key) IN (0, 4))
+"""
+# A part is read from where the last one ended, without a sort of all that waits.
+POSITION_TRANSACTION_ID = """
+DROP INDEX IF EXISTS conflictdb.position_transaction_id_btree;
+CREATE INDEX position_transaction_id_btree ON conflictdb.position (transaction_id, scene_id, instant, key)
 """
 # As which verdict an alarm was acknowledged.
 ACKNOWLEDGED_AS = """
@@ -38,6 +45,7 @@ CREATE INDEX IF NOT EXISTS edit_renames_btree ON conflictdb.edit (transaction_id
 
 def upgrade() -> None:
     op.execute(POSITION_LOOK)
+    op.execute(POSITION_TRANSACTION_ID)
     op.execute(ACKNOWLEDGED_AS)
     op.execute(EDIT_RENAMES)
 

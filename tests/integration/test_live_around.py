@@ -260,14 +260,12 @@ def excursions(conn: Conn, monkeypatch: pytest.MonkeyPatch, at_once: int) -> lis
     monkeypatch.setattr("conflictdb.jobs.looks._AT_ONCE", at_once)
     conn.execute("DELETE FROM conflictdb.live_state")
     conn.execute("DELETE FROM conflictdb.live_event")
-    conn.execute(
-        "UPDATE conflictdb.position_look SET seen = '2:2:', reading = NULL, scene_id = NULL, instant = NULL, key = NULL"
-    )
+    conn.execute("DELETE FROM conflictdb.position_look")
     conn.commit()
     looks, read = Looks(), list[int]()
     while not read or looks.is_behind:
         read.append(looks.look(conn, us(0), is_silence_due=False))
-    assert read == [at_once] * (42 // at_once) + [42 % at_once]
+    assert [count for count in read if count] == [at_once] * (42 // at_once) + [42 % at_once] * (42 % at_once > 0)
     found = conn.execute(
         "SELECT kind, key, other_key, verdict, reason FROM conflictdb.live_events ORDER BY event"
     ).fetchall()
@@ -295,3 +293,57 @@ def test_a_backlog_is_read_in_parts_and_gives_the_same_alarms(sea: Conn, monkeyp
     assert sum(row[0] == "begun" for row in each) == 3
     for at_once in (5, 11, 40, 100):
         assert excursions(sea, monkeypatch, at_once) == each
+
+
+def some(conn: Conn, first: int, count: int) -> None:
+    """Insert positions of a ferry, a second apart, the last one first."""
+    conn.execute(
+        "INSERT INTO conflictdb.position (scene, key, instant, place) "
+        "SELECT 's', 'FERRY', %s + n * interval '1 second', 'SRID=4326;POINT(0 0)' FROM generate_series(%s, %s, -1) n",
+        [BEGAN - timedelta(days=1), first + count - 1, first],
+    )
+
+
+@pytest.mark.parametrize("at_once", [1, 3, 7, 10, 1000])
+def test_each_position_of_a_backlog_is_read_once(sea: Conn, dsn: str, at_once: int) -> None:
+    """Also those of transactions that commit while a larger one is read in parts, earlier or later than it."""
+    with psycopg.connect(dsn) as early, psycopg.connect(dsn) as later:
+        some(early, 0, 9)
+        for first, count in ((10, 3), (20, 4), (30, 25), (60, 2)):
+            some(sea, first, count)
+            sea.commit()
+        some(later, 70, 8)
+        for first in (80, 90):
+            some(sea, first, 8)
+            sea.commit()
+        read, is_behind = list[list[int]](), True
+        for end in [lambda: None] * 2 + [early.commit] + [lambda: None] * 2 + [later.commit] + [lambda: None] * 100:
+            heard = store.new_positions(sea, at_once)
+            read.append([round(one.at_us / 1e6 - us(-1440) / 1e6) for one in heard])
+            is_behind = store.is_behind(sea)
+            sea.commit()
+            end()
+    assert not is_behind
+    assert max(map(len, read)) <= at_once
+    every = [*range(9), *range(10, 13), *range(20, 24), *range(30, 55), *range(60, 62)]
+    assert sorted(n for part in read for n in part) == [*every, *range(70, 78), *range(80, 88), *range(90, 98)]
+    assert all(part == sorted(part) for part in read)
+
+
+@pytest.mark.parametrize("in_each", [50, 100_000])
+def test_a_look_costs_the_same_whatever_waits(sea: Conn, in_each: int) -> None:
+    """It sorted all positions that waited: a look at 20,000 of a million took as long as the first."""
+    blocks, first = list[int](), 0
+    for waiting in (2_000, 20_000):
+        for own in range(first, first + waiting, in_each):
+            some(sea, own, min(in_each, first + waiting - own))
+            sea.commit()
+        first += waiting
+        for _ in range(3):
+            ((plan,),) = sea.execute(
+                "EXPLAIN (ANALYZE, BUFFERS, FORMAT JSON) SELECT * FROM conflictdb_internal._new_positions(200)"
+            ).fetchall()
+            assert plan[0]["Plan"]["Actual Rows"] == 200
+            sea.commit()
+        blocks.append(plan[0]["Plan"]["Shared Hit Blocks"] + plan[0]["Plan"]["Shared Read Blocks"])
+    assert blocks[1] < 1.5 * blocks[0]
