@@ -4,6 +4,12 @@
 CREATE OR REPLACE FUNCTION conflictdb_internal._position_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
+    -- Before the index, which a longer one may not fit into.
+    IF octet_length(NEW.key) > 1000 THEN
+        FOUND := _raise('ZC011', 'position', 'key',
+                        format('is not a track: it has %s bytes, and keys at most 1000', octet_length(NEW.key)),
+                        'object_known');
+    END IF;
     -- 0: unknown. The policy refuses it first: who may not see a scene does not learn whether it exists. A restore, and
     -- nobody else, gives the number.
     IF NEW.scene_id IS NULL THEN
@@ -13,7 +19,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _position_before() IS
-'Trigger: fills in the scene of a position. Runs as its owner: trackers read no scenes. Restricted to the row.';
+'Trigger: fills in the scene of a position, and refuses a key that is too long. Runs as its owner: trackers read no '
+'scenes. Restricted to the row.';
 CREATE OR REPLACE TRIGGER position_before BEFORE INSERT ON position
     FOR EACH ROW EXECUTE FUNCTION _position_before();
 ALTER TABLE position ENABLE ALWAYS TRIGGER position_before;

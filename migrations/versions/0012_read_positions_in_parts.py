@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "e3d57144bb8db5815a88f1be6899363c1a82e08b75de0d4c2b428b425d8ee764"
+routines_sha256 = "7fa203449d3bdb7ee023efc01a4057bf70b2ea72b9f816fe6c175e26af4fa156"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

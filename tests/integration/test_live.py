@@ -183,6 +183,7 @@ def test_a_changed_plan_counts_from_the_next_position_on(sea: Conn) -> None:
     ("key", "instant", "lon", "lat", "height_m", "error_m", "said"),
     [
         ("X", "now()", 0, 0, None, 10, "position of 'X': key: is not a track of scene 's'"),
+        ("X" * 1_000_000, "now()", 0, 0, None, 10, "position: key: is not a track: it has 1000000 bytes"),
         ("A", "now() + interval '1 hour'", 0, 0, None, 10, "instant: must not be in the future"),
         ("A", "'infinity'", 0, 0, None, 10, "instant: must not be in the future"),
         ("A", "now()", float("nan"), 0, None, 10, "place: must have a longitude"),

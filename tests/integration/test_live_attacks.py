@@ -1,11 +1,13 @@
 """Looks at positions beside whatever else happens: removed and renamed scenes and objects, odd clocks and sessions."""
 
+import subprocess
 import threading
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import psycopg
 import pytest
+from databases import TestServer, client_programs
 from patience import WAIT_S, until_blocked
 
 from conflictdb import InvalidInput, Scene, Track, connect, rectangle_outline_m, store
@@ -355,3 +357,33 @@ def test_a_replay_does_not_wait_for_a_wrong_date(sea: Conn, monkeypatch: pytest.
         assert replay(sea, "s", fixes, speed=1e9, report=lambda now_us, _: looked.append(now_us)) == 2
         assert len(looked) < 40
         assert at_us[1] <= looked[-1] < at_us[1] + 3_600_000_000
+
+
+def test_a_dump_brings_positions_and_alarms(sea: Conn, dsn: str, _server: TestServer, template: str) -> None:  # noqa: PT019
+    """As data alone, into a database with the schema: the same alarm goes on."""
+    put(sea, 28, 10)
+    before = look(sea, 28)
+    put(sea, 28.5, 10)
+    sea.commit()
+    programs, environ = client_programs(sea)
+    name = f"{sea.info.dbname}_restored"
+    target = _server.clone(template, name)
+    try:
+        alone = ["--data-only", "--exclude-table-data=conflictdb.alembic_version"]
+        archive = subprocess.run(
+            [programs / "pg_dump", "-Fc", "-d", dsn, *alone], env=environ, check=True, stdout=subprocess.PIPE
+        ).stdout
+        subprocess.run([programs / "pg_restore", "-e", "-d", target], env=environ, check=True, input=archive)
+        with psycopg.connect(target) as conn:
+            assert conn.execute("SELECT count(*) FROM conflictdb.position").fetchone() == (2,)
+            conn.commit()
+            detect.detect(conn, "s", jobs=1)
+            assert look(conn, 28.5) == before
+            assert conn.execute("SELECT key, instant FROM conflictdb.live").fetchall() == [
+                ("FERRY", BEGAN + timedelta(minutes=28.5))
+            ]
+            put(conn, 29, 10)
+            assert look(conn, 29) == before
+            assert begun(conn) == [("begun", "FERRY", "TOW")]
+    finally:
+        _server.drop(name)
