@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from typing import Any, Final, Self
 
 import numpy as np
@@ -44,11 +45,11 @@ class Contacts:
 
     def of_pairs(self, rows: NDArray[np.int64]) -> "Contacts":
         """Return the same contacts with pair k renumbered to rows[k]."""
-        return replace(self, pair=rows[self.pair])
+        return Contacts(rows[self.pair], *_beside_pairs(self))
 
     def take(self, rows: NDArray[np.int64]) -> "Contacts":
         """Return the contacts of some rows."""
-        return Contacts(*(getattr(self, column.name)[rows] for column in fields(self)))
+        return Contacts(*(column[rows] for column in _of_contacts(self)))
 
     def __len__(self) -> int:
         return len(self.pair)
@@ -63,10 +64,14 @@ class Contacts:
     def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
         """Return all contacts in one, sorted by pair and start."""
         some = [batch for batch in batches if len(batch.pair)] or [cls.none()]
-        columns = [np.concatenate([getattr(batch, name) for batch in some]) for name in cls.__slots__]
+        each = map(_of_contacts, some)
+        columns = next(each) if len(some) == 1 else [np.concatenate(column) for column in zip(*each, strict=True)]
         order = np.lexsort((columns[1], columns[0]))
         return cls(*(column[order] for column in columns))
 
+
+_of_contacts: Final = attrgetter(*(one.name for one in fields(Contacts)))
+_beside_pairs: Final = attrgetter(*(one.name for one in fields(Contacts)[1:]))
 
 # Kinds (n,) int8, ids and versions (n,) int64 of objects.
 Members = tuple[NDArray[np.int8], NDArray[np.int64], NDArray[np.int64]]

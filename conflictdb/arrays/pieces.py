@@ -5,7 +5,8 @@ Units: metres, degrees for longitude, latitude and bearings, microseconds since 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any, Final, NewType, Self
 
 import numpy as np
@@ -133,15 +134,20 @@ class Pieces:
 
     def longer(self, before_us: int | NDArray[np.int64], after_us: int | NDArray[np.int64]) -> Self:
         """Return the pieces with spans that begin earlier and end later, by microseconds for all or (n,) each."""
-        return replace(self, start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
+        return self.having(start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
 
     def meeting_within(self, within_us: int) -> Self:
         """Return pieces whose spans meet exactly if the spans of these come within a number of microseconds."""
         return self.longer(*halves(within_us)) if within_us else self
 
+    def having(self, **columns: NDArray[Any]) -> Self:
+        """Return the pieces with other columns: as `replace`, in an eighth of the calls."""
+        return type(self)(**(dict(zip(_NAMES, _columns(self), strict=True)) | columns))
+
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the pieces of some rows."""
-        columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in _ONE_A_PIECE}
+        own = zip(_ONE_A_PIECE, _one_a_piece(self), strict=True)
+        columns: dict[str, Any] = {name: column[rows] for name, column in own}
         columns["hull_offset"], index = ragged_rows(self.hull_offset, rows)
         columns["hull_xy"] = self.hull_xy[index]
         columns["shape_offset"], index = ragged_rows(self.shape_offset, rows)
@@ -156,14 +162,18 @@ class Pieces:
             return batches[0]
         changes = any(batch.changes for batch in batches)
         names = (*_ONE_A_PIECE, "hull_xy", "shape_xy", *(["shape_to_xy"] if changes else []))
-        columns: dict[str, Any] = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in names}
+        each = zip(names, zip(*map(attrgetter(*names), batches), strict=True), strict=True)
+        columns: dict[str, Any] = {name: np.concatenate(some) for name, some in each}
         for name in ("hull_offset", "shape_offset"):
             columns[name] = followed_by([getattr(batch, name) for batch in batches])
         return cls(**({"shape_to_xy": columns["shape_xy"]} | columns))
 
 
+_NAMES: Final = tuple(one.name for one in fields(Pieces))
+_columns: Final = attrgetter(*_NAMES)
 # Columns of one value, or one row of values, a piece.
-_ONE_A_PIECE: Final = tuple(one.name for one in fields(Pieces) if not one.name.endswith(("_xy", "_offset")))
+_ONE_A_PIECE: Final = tuple(name for name in _NAMES if not name.endswith(("_xy", "_offset")))
+_one_a_piece: Final = attrgetter(*_ONE_A_PIECE)
 
 
 @dataclass(frozen=True, slots=True)

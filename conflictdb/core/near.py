@@ -178,7 +178,7 @@ class Memory:
         pieces = self.pieces
         if question.any_height:
             all_m = np.full(len(pieces), np.inf)
-            pieces = replace(pieces, floor_m=-all_m, ceiling_m=all_m)
+            pieces = pieces.having(floor_m=-all_m, ceiling_m=all_m)
         # `rows` finds pairs that share only an end, too.
         a, b = pairs_together(pieces, *self.rows(question), question.within_us)
         is_first = self.number[a] < self.number[b]
@@ -316,7 +316,7 @@ class Together:
                 one = self._members[k]
                 ids[k], self.named[kind.code, number] = number, (one.key, one.name)
                 self._by_number[kind].append(one)
-        pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
+        pieces = Pieces.concatenate(self._pieces).having(object_id=ids[of])
         numbers = object_numbers(pieces)
         order = np.lexsort((-pieces.turn, pieces.part, numbers))
         place = np.empty(len(order), np.int64)

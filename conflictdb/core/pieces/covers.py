@@ -8,7 +8,6 @@ wide as they are.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
@@ -56,7 +55,7 @@ def pieces_of(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
         pieces = with_margin(pieces, 0.5 * setup.scene.vertical_separation_m)
     if setup.scene.intervals == Intervals.HALF_OPEN:
         return pieces
-    return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
+    return with_closed_heights(pieces.having(end_inclusive=np.ones(len(pieces), np.bool_)))
 
 
 def _pieces_by_rules(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
@@ -120,7 +119,7 @@ def _of_any_time(pieces: Pieces, unknown: NDArray[np.int64]) -> Pieces:
     moves = rows & (pieces.kind == Kind.TRACK.code)
     for name, times_us in at_us.items():
         at_us[name] = np.where(moves, MIN_INSTANT_US if "start" in name else MAX_INSTANT_US, times_us)
-    return replace(pieces, part=np.where(rows, COVER, pieces.part).astype(np.int32), **at_us)
+    return pieces.having(part=np.where(rows, COVER, pieces.part).astype(np.int32), **at_us)
 
 
 def _sound(pieces: Pieces) -> NDArray[np.int64]:

@@ -153,7 +153,7 @@ def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
         shift = -setup.plane.turn_m * turns
         xy[:, 0] += np.repeat(shift, np.diff(offset))
         hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
-    return _active(with_seam_copies(setup.plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
+    return _active(with_seam_copies(setup.plane, pieces.having(hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
 
 
 def track_pieces(setup: Setup, tracks: TrackBatch) -> Pieces:
@@ -188,18 +188,18 @@ def track_pieces(setup: Setup, tracks: TrackBatch) -> Pieces:
         hulls.xy[:, 0] -= np.repeat(setup.plane.turn_m * turns, np.diff(hulls.offset))
         away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
         columns |= {name: getattr(pieces, name) - away for name in ("leg_start_deg", "leg_end_deg")}
-    pieces = _departing(with_seam_copies(setup.plane, replace(pieces, **columns)), tracks)
+    pieces = _departing(with_seam_copies(setup.plane, pieces.having(**columns)), tracks)
     if not of_tolerances.size:
         return pieces
     part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)
-    return replace(pieces, part=part.astype(np.int32))
+    return pieces.having(part=part.astype(np.int32))
 
 
 def _active(pieces: Pieces, areas: AreaBatch) -> Pieces:
     """Return the pieces of areas once for each of their spans."""
     repeated, at = _repeated(pieces, areas.area_id, areas.active)
     start_us, end_us = areas.active.at_us[at].T
-    return replace(repeated, start_us=start_us.copy(), end_us=end_us.copy())
+    return repeated.having(start_us=start_us.copy(), end_us=end_us.copy())
 
 
 def _departing(pieces: Pieces, tracks: TrackBatch) -> Pieces:
@@ -212,7 +212,7 @@ def _departing(pieces: Pieces, tracks: TrackBatch) -> Pieces:
     voyage = np.repeat(np.arange(len(tracks)), np.diff(departs.offset))
     later_us = (departs.at_us - first_us[voyage])[at]
     times = ("start_us", "end_us", "leg_start_us", "leg_end_us")
-    return replace(repeated, **{name: getattr(repeated, name) + later_us for name in times})
+    return repeated.having(**{name: getattr(repeated, name) + later_us for name in times})
 
 
 def _repeated(pieces: Pieces, ids: NDArray[np.int64], activations: Activations) -> tuple[Pieces, NDArray[np.int64]]:
@@ -237,7 +237,7 @@ def _repeated(pieces: Pieces, ids: NDArray[np.int64], activations: Activations) 
     # As without activations: copies after originals, then by object and part.
     order = np.lexsort((part, row_of[rows], -pieces.turn[rows]))
     rows, nth = rows[order], nth[order]
-    return replace(pieces.take(rows), part=part[order].astype(np.int32)), offset[row_of[rows]] + nth
+    return pieces.take(rows).having(part=part[order].astype(np.int32)), offset[row_of[rows]] + nth
 
 
 def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
@@ -415,7 +415,7 @@ def with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     for turn in range(1, int(beyond.max()) + 1):
         copies = pieces.take(np.flatnonzero(beyond >= turn))
         shifted = copies.hull_xy - np.array([turn * turn_m, 0.0])
-        found.append(replace(copies, hull_xy=shifted, turn=copies.turn - np.int16(turn)))
+        found.append(copies.having(hull_xy=shifted, turn=copies.turn - np.int16(turn)))
     return Pieces.concatenate(found)
 
 
