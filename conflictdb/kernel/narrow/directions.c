@@ -4,7 +4,7 @@
  * M a bound on how much paths of b bend away from those of a along it (planes/bend.h). So the gaps at both instants prove
  * the pair apart in between. With a required separation, each vertex reaches farther by its half of it (plane.h).
  *
- * A time is first tried with one direction: across the motion or along the line of nearest points, with as few digits as
+ * A time is first tried with one direction: across the motion, or along the line of nearest points, with as few digits as
  * suffice. Where none does, it is halved. Times at whose ends the pair is not clearly apart are cut there.
  */
 #include <stdlib.h>
@@ -16,6 +16,8 @@
 static const double CLEAR_M = 2e-6;
 /* Shorter times are not divided, seconds. Smaller: more steps next to contacts. */
 static const double SHORTEST_S = 1e-6;
+/* Next to a contact this time need not be proven, seconds: a tenth of what a checker allows. Smaller: more steps. */
+static const double NEAR_CONTACT_S = 1e-3;
 /* Most times of a pair that are inspected. Smaller: pairs that stay near each other for long are not proven. */
 enum { MOST_LOOKS = 4096, DEEPEST = 96 };
 /* Steps ahead whose directions may replace those of earlier ones. More: fewer steps, more work. */
@@ -40,6 +42,7 @@ typedef struct {
     Encounter *pair;
     List *list;
     int64_t looks_left;
+    double first_s, last_s; /* of the polygons a0, b0 and a1, b1 of the pair */
 } Finder;
 
 static void add(List *list, double until_s, double angle) {
@@ -97,9 +100,11 @@ static Look look_at(Finder *finder, double t) {
     return (Look){t, gap - CLEAR_M * plane_largest_scale(pair->plane, &extent), nearest.axis};
 }
 
-static void put_ends(Encounter *pair, double t0, double t1) {
-    encounter_put(pair, t0, &pair->a0, &pair->b0);
-    encounter_put(pair, t1, &pair->a1, &pair->b1);
+static void put_ends(Finder *finder, double t0, double t1) {
+    Encounter *pair = finder->pair;
+    if (finder->first_s != t0) encounter_put(pair, t0, &pair->a0, &pair->b0);
+    if (finder->last_s != t1) encounter_put(pair, t1, &pair->a1, &pair->b1);
+    finder->first_s = t0, finder->last_s = t1;
 }
 
 /* Whether a direction proves the pair apart during a time whose ends are a0, b0 and a1, b1. */
@@ -162,8 +167,13 @@ static double one_angle(const Encounter *pair, Look first, Look last) {
     return found;
 }
 
-/* The last instant, on the way from one at which a pair is clearly apart to one at which it is not, at which it is. */
+/* About the last instant, on the way from one at which a pair is clearly apart to one at which it is not, at which it is. */
 static Look last_clear(Finder *finder, Look clear, Look near) {
+    if (fabs(near.t - clear.t) > 2.0 * NEAR_CONTACT_S) {
+        Look now = look_at(finder, near.t + copysign(NEAR_CONTACT_S, clear.t - near.t));
+        if (now.gap > 0.0) return now;
+        near = now;
+    }
     while (fabs(near.t - clear.t) > SHORTEST_S && finder->looks_left-- > 0) {
         double middle = 0.5 * (clear.t + near.t);
         if (middle == clear.t || middle == near.t) break;
@@ -204,7 +214,7 @@ static void cover(Finder *finder, Look low, Look high) {
             }
             continue;
         }
-        put_ends(finder->pair, t0, t1);
+        put_ends(finder, t0, t1);
         double angle = one_angle(finder->pair, part.first, part.last);
         if (!isnan(angle) || t1 - t0 <= SHORTEST_S || middle == t0 || middle == t1 || top + 2 > DEEPEST ||
             finder->looks_left-- <= 0) {
@@ -229,7 +239,7 @@ static void join(Finder *finder, int64_t begin, double low) {
             double angle = list->items[n].angle;
             int64_t reached = k;
             for (int64_t j = next; j < end && !isnan(list->items[j].angle); j++) {
-                put_ends(finder->pair, from, list->items[j].until_s);
+                put_ends(finder, from, list->items[j].until_s);
                 if (!is_proven(finder->pair, from, list->items[j].until_s, angle)) break;
                 reached = j;
             }
@@ -244,8 +254,17 @@ static void join(Finder *finder, int64_t begin, double low) {
 static void find_directions(Finder *finder, double low, double high) {
     Encounter *pair = finder->pair;
     int64_t begin = finder->list->count;
-    finder->looks_left = MOST_LOOKS;
+    finder->looks_left = MOST_LOOKS, finder->first_s = finder->last_s = NAN;
     mover_focus(&pair->a, low, high), mover_focus(&pair->b, low, high);
+    /* Most pairs pass each other: across their motion no distance need be found. */
+    if (high > low) {
+        put_ends(finder, low, high);
+        double angle = angle_of(pair, low, high, across_motion(pair));
+        if (!isnan(angle)) {
+            add(finder->list, high, angle);
+            return;
+        }
+    }
     Look first = look_at(finder, low), last = high > low ? look_at(finder, high) : first;
     cover(finder, first, last);
     if (!finder->list->is_full && finder->list->count - begin > 1) join(finder, begin, low);
