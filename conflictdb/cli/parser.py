@@ -60,7 +60,7 @@ _FLAGS: Final = {
     "--no-region": "leave out the regions where conflicts happen: quicker, smaller",
     "--require-current": "exit with 7 if changes wait for a detection",
 }
-# What values look like, below the options of a command that takes them.
+# Forms of values, shown below the options of a command that takes them.
 NOTATION: Final = {
     "DURATION": "30s, 5m, 1.5h, 1d, 1h7m or 1:07:24",
     "DISTANCE": "metres, or with a unit: 500m, 2km, 0.5nmi, 300ft",

@@ -15,7 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import REMOVED
 from conflictdb.model.units import METRES_PER_NMI, Units
 
-# What a table of conflicts shows on request.
+# Columns of a table of conflicts on request.
 MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit

@@ -58,11 +58,11 @@ def factors_within(
     work = kernel.Work()
     row, parts, slow = difference_parts(prepared, _all_differences(shifts, least), reach_m, work, threads)
     fast = differences(prepared, _all_differences(parts, most), reach_m, work, threads)
-    # Of a contact at difference d with factor k, a lower factor has a larger difference.
+    # If a contact at difference d has factor k, one at a lower factor has a larger difference.
     left = np.flatnonzero((slow["outer_high"] >= -wide_s) & (fast["outer_low"] <= wide_s))
     row, parts, slow, fast = row[left], parts.take(left), slow[left], fast[left]
     n = len(row)
-    # Of the bounds outside of the limits only this is known.
+    # Nothing more is known of bounds outside the limits.
     low, high = np.full(n, least), np.full(n, most)
     from_least, to_most = slow["outer_low"] <= wide_s, fast["outer_high"] >= -wide_s
     first, before = _with_b_later(prepared, parts, -wide_us, least, most, reach_m, threads)

@@ -195,7 +195,7 @@ def _turns_and_cuts(
             continue
         times_us = tracks.times_us[tracks.waypoint_offset[k] : tracks.waypoint_offset[k + 1]]
         start_us, leg_us = pieces.start_us[rows], pieces.leg_start_us[rows]
-        # Of the first voyage.
+        # Only the first voyage is read.
         voyage = int(np.searchsorted(start_us, start_us[0] + int(times_us[-1] - times_us[0])))
         since = start_us[:voyage] - start_us[0]
         cuts = since[~np.isin(since, times_us - times_us[0])]

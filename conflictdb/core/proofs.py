@@ -35,7 +35,7 @@ _Ints = NDArray[np.int64]
 
 # Seconds after the begin of a period, and before its end, at which contact is looked for.
 _LOOKS_S: Final = (0.0, 1e-6, 2e-6, 5e-6, 1e-5, 5e-5, 2e-4, 9e-4, 9e-3)
-# Of an error bound.
+# Shares of an error bound.
 _ERROR_SHARES: Final = (0.25, 0.5, 1.0)
 # A contact is shown where polygons are nearer than this, metres: half of what a checker allows.
 _CONTACT_M: Final = 5e-7

@@ -198,7 +198,7 @@ def _of_stretched(
     low, high = _factors(-found["outer_high"], -found["outer_low"], first_s[rows], last_s[rows], pad_s)
     inner_low, inner_high = _factors(-found["inner_high"], -found["inner_low"], first_s[rows], last_s[rows], 0.0)
     put(rows, low, high, np.where(is_known, inner_low, np.inf), np.where(is_known, inner_high, -np.inf))
-    # Of covers only the times are known.
+    # Covers have only times.
     rows = np.flatnonzero(covered)
     low, high = _factors(a_start_s[rows], a_end_s[rows], first_s[rows], last_s[rows], pad_s)
     put(rows, low, high, np.full(len(rows), np.inf), np.full(len(rows), -np.inf))

@@ -13,7 +13,7 @@ _REMEDY: Final = "unpack it, and load the files in it"
 _UNREAD: Final = frozenset({".gz", ".tgz", ".tar", ".7z", ".rar", ".bz2", ".xz", ".zst", ".rtzp"})
 # OGR reads all Shapefiles of an archive.
 _OF_SHAPEFILE: Final = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".shp.xml")
-# Of the list of contents of an archive, bytes: some 20,000 files.
+# Longest list of contents of an archive, bytes: some 20,000 files.
 _LONGEST_LIST: Final = 2_000_000
 _END: Final = b"PK\x05\x06"
 _END_BYTES: Final = 22 + 65_535  # with the longest comment

@@ -19,9 +19,9 @@ from conflictdb.formats.json_text import dumped, harmless
 from conflictdb.model import record
 from conflictdb.model.results import Approach, Conflict, Period, Position, SceneState, format_moment, interval_text
 
-# What ends a line decides which cells are quoted: a key may hold a line break of either kind.
+# The line end decides which cells are quoted: a key may contain a line break of either kind.
 _LINE_END: Final = "\r\n"
-# What makes a spreadsheet calculate a cell (also in full width), and the apostrophe that says it shall not.
+# First characters of cells that a spreadsheet calculates (also in full width), and the apostrophe that prevents it.
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")  # noqa: RUF001
 
 
@@ -168,7 +168,7 @@ def _between(a_deg: Position, b_deg: Position) -> str:
     return f'{{"type": "{kind}", "coordinates": [{_coordinates(a_deg)}, {_coordinates(b_deg)}]}}'
 
 
-# What a value, never None, looks like in JSON, and in CSV where that differs.
+# Form of a value, never None, in JSON, and in CSV where it differs.
 _JSON: Final[dict[record.ColumnType, Callable[[Any], str]]] = {
     record.ColumnType.TEXT: encode_basestring,
     record.ColumnType.NAME: encode_basestring,

@@ -63,7 +63,7 @@ WORDS: Final = tuple(dict.fromkeys(one.members[0] for one in PLAN_COLUMNS if one
 _OF_POSITIONS: Final = frozenset(
     {*TIMES, "speed_kn", "speed_mps", "floor_m", "ceiling_m", "outlines_m", *tolerances.PER_LEG}
 )
-# What heights are above; read to refuse others than the scene's.
+# The vertical datum of an object; another one than the scene's is refused.
 DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
 # No members of properties.

@@ -48,14 +48,14 @@ def _each(of: Schema) -> Schema:
 
 
 _WINDOW: Final[Schema] = {"type": "array", "items": _INSTANT, "minItems": 2, "maxItems": 2}
-# Of the members of each plain form; a word of a file may be a number.
+# Schema of members of each plain form; a word of a file may be a number.
 _OF_FORM: Final[dict[Form, Schema]] = {
     Form.TEXT: {"type": "string"},
     Form.WORD: {"type": ["string", "number"], "maxLength": MAX_WORD_BYTES},
     Form.NUMBER: _NUMBER,
     Form.DOCUMENT: {},
 }
-# Of the members of columns of forms of their own, and of documents whose members are apart.
+# Schema of other members: of columns of the form OWN, and of documents with several members.
 _OF_MEMBER: Final[dict[str, Schema]] = {
     "start": _INSTANT,
     "end": _INSTANT,

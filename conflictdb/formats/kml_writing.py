@@ -22,7 +22,7 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # An owner has at most 200 bytes.
 _LONGEST_START: Final = 180
-# What the placemarks say.
+# Members that the placemarks show.
 _TIMES: Final = frozenset({"kind", "start", "end", "times", "spans", "schedule", "departures"})
 
 

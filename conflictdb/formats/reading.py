@@ -64,7 +64,7 @@ MAX_FILE_MB: Final = 64.0
 MAX_PARTS_MB: Final = 4_000.0
 _CHUNK_BYTES: Final = 1_000_000
 
-# What columns may be mapped to.
+# Names to which columns may be mapped.
 _FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 

@@ -108,7 +108,9 @@ def read_scene(
         Names every object, field and broken rule, without the file.
     """
     chunks = (lambda: iter([text])) if isinstance(text, str) else text
-    opened = partial(_opened, chunks, _Told(stem, max_speed_kn, source, phase, size_mb), skip_invalid=skip_invalid)
+    opened = partial(
+        _opened, chunks, _ReadOptions(stem, max_speed_kn, source, phase, size_mb), skip_invalid=skip_invalid
+    )
     with without_collector():
         return _contents(opened, skip_invalid=skip_invalid)
 
@@ -118,7 +120,7 @@ def read_plans(text: str, scene: Scene, max_speed_kn: float = math.inf) -> list[
 
     scene : that they are for
     """
-    opened = partial(_opened, lambda: iter([text]), _Told(scene.name, max_speed_kn, settings=scene))
+    opened = partial(_opened, lambda: iter([text]), _ReadOptions(scene.name, max_speed_kn, settings=scene))
     with without_collector():
         found = _contents(opened, skip_invalid=False)
     return [*found.areas, *found.tracks]
@@ -145,7 +147,7 @@ def scene_parts(
     Reading the parts raises a LateMembersError if the file is to be read again.
     """
     summary.apart = _features_apart
-    reading = _opened(chunks, _Told(stem, max_speed_kn, source, phase, size_mb, most), late)
+    reading = _opened(chunks, _ReadOptions(stem, max_speed_kn, source, phase, size_mb, most), late)
     if isinstance(reading, Contents):
         parts = Parts(reading.scene, iter([(reading.areas, reading.tracks)]))
         parts.skipped += reading.skipped
@@ -167,7 +169,7 @@ def _each_part(reading: "_Features", parts: Parts, summary: Summary) -> Iterator
                 unique[i] = item
             else:
                 twice.extend([given_twice(name_of(item), _features_apart(first, i))])
-        found = timed(list(unique.values()), reading.setting.scene, reading.told.max_speed_kn, slow)
+        found = timed(list(unique.values()), reading.setting.scene, reading.options.max_speed_kn, slow)
         parts.refusals.found[:] = [*reading.refused(), *twice.found, *slow.found]
         del parts.derived[1:]
         yield found
@@ -187,8 +189,8 @@ def without_collector() -> Iterator[None]:
             gc.enable()
 
 
-class _Told(NamedTuple):
-    """What is said about a file to read.
+class _ReadOptions(NamedTuple):
+    """How a file is read.
 
     most : characters of its members but the features, of one of these, and of a file of another program
     settings : of its objects if it has none
@@ -204,36 +206,38 @@ class _Told(NamedTuple):
 
 
 def _opened(
-    chunks: Chunks, told: _Told, late: Mapping[str, Any] | None = None, *, skip_invalid: bool = False
+    chunks: Chunks, options: _ReadOptions, late: Mapping[str, Any] | None = None, *, skip_invalid: bool = False
 ) -> "_Features | Contents":
     """Return a file whose features are read in parts, or the contents of a file of another program."""
     document: dict[str, Any] = {}
-    events = members(chunks(), _AT_ONCE, told.most, lambda at: told.phase("reading MB", at // 1_000_000, told.size_mb))
+    events = members(
+        chunks(), _AT_ONCE, options.most, lambda at: options.phase("reading MB", at // 1_000_000, options.size_mb)
+    )
     try:
         for name, value, is_part in events:
             document[name] = value
             if is_part:
                 # Requests carry properties of any source, which would name its format.
-                if told.settings is None and dialects.is_known({**(late or {}), **document}):
+                if options.settings is None and dialects.is_known({**(late or {}), **document}):
                     raise NoObjectError
                 if "type" in document:
                     _require_collection(document)
                 features = chain([document.pop("features")], _parts_of(document, events))
-                return _Features(dict(document) if late is None else late, features, told, document)
+                return _Features(dict(document) if late is None else late, features, options, document)
         whole: Any = document
     except NoObjectError:
-        whole = parse(joined(chunks(), told.most))
-    if told.settings is None:
-        contents = dialects.read_json(whole, told.source, stem=told.stem, skip_invalid=skip_invalid)
+        whole = parse(joined(chunks(), options.most))
+    if options.settings is None:
+        contents = dialects.read_json(whole, options.source, stem=options.stem, skip_invalid=skip_invalid)
         if contents is not None:
             return contents
     if not isinstance(whole, dict):
         raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
     if whole.get("type") == "Feature" or moving_features.is_bare(whole):
-        whole = {"type": "FeatureCollection", "features": [moving_features.as_feature(whole, told.stem)]}
+        whole = {"type": "FeatureCollection", "features": [moving_features.as_feature(whole, options.stem)]}
     _require_collection(whole)
     listed = whole.pop("features", None)
-    return _Features(whole, iter([listed] if isinstance(listed, list) else []), told, whole, listed)
+    return _Features(whole, iter([listed] if isinstance(listed, list) else []), options, whole, listed)
 
 
 def _parts_of(document: dict[str, Any], events: Iterator[tuple[str, Any, bool]]) -> Iterator[list[Any]]:
@@ -269,11 +273,11 @@ class _Features:
         self,
         known: Mapping[str, Any],
         features: Iterator[list[Any]],
-        told: _Told,
+        options: _ReadOptions,
         document: Mapping[str, Any],
         listed: Any = (),
     ) -> None:
-        self.told = told
+        self.options = options
         self._known, self._features, self._document, self._listed = known, features, document, listed
         self._of_file, self._of_members, self._of_scene = FileRefusals(), FileRefusals(), FileRefusals()
         self.of_objects = FileRefusals()
@@ -288,15 +292,15 @@ class _Features:
             foreign = _foreign(known.get("foreign"))
         self.scene: Scene | None = None
         with self._of_scene:
-            self.scene = scene_of(known["scene"], told.stem) if "scene" in known else None
-        is_foreign = self.scene is None and told.settings is None
+            self.scene = scene_of(known["scene"], options.stem) if "scene" in known else None
+        is_foreign = self.scene is None and options.settings is None
         self.setting = file_objects.FileContext.of_settings(
-            self.scene or told.settings,
-            told.stem,
+            self.scene or options.settings,
+            options.stem,
             foreign,
             to_degrees,
             systems=systems,
-            row_ids=told.stem if is_foreign else "",
+            row_ids=options.stem if is_foreign else "",
             long_sides=LongSides() if is_foreign else None,
         )
 
@@ -328,14 +332,14 @@ class _Features:
         """Check what is known at the end of the file only."""
         document = self._document
         late = document.keys() - self._known.keys()
-        if late & _DECIDING or (late and self.told.settings is None and dialects.is_known(document)):
+        if late & _DECIDING or (late and self.options.settings is None and dialects.is_known(document)):
             raise LateMembersError(document)
         _require_collection(document)
         foreign, values = self.setting.foreign, {"features": self._listed, **document}
         with self._of_file:
             moving_features.check_trs("file", document)
         # Files of other programs may have versions of their own.
-        if self.scene is not None or self.told.settings is not None:
+        if self.scene is not None or self.options.settings is not None:
             with self._of_file:
                 _require_version(document.get("version"))
         self._of_members.extend(names.misnamed("file", values, _MEMBERS, _OF_SCENE | _OF_FEATURE, foreign))
@@ -353,7 +357,7 @@ class _Features:
 
     def remarks(self) -> Iterator[Remark]:
         """Yield remarks on what was read."""
-        source = self.told.source
+        source = self.options.source
         if self.setting.long_sides is not None:
             yield from self.setting.long_sides.remarks(source)
         yield from altitudes(source, self._high)
@@ -374,13 +378,13 @@ def _contents(opened: "Callable[..., _Features | Contents]", *, skip_invalid: bo
             late = found.members
         else:
             break
-    told, of_objects = reading.told, reading.of_objects
+    options, of_objects = reading.options, reading.of_objects
     _leave_unique(items, of_objects)
-    areas, tracks = timed(list(items.values()), reading.setting.scene, told.max_speed_kn, of_objects)
+    areas, tracks = timed(list(items.values()), reading.setting.scene, options.max_speed_kn, of_objects)
     refusals = FileRefusals()
     refusals.found = reading.of_the_file() if skip_invalid else reading.refused()
     refusals.raise_found()
-    contents = Contents(reading.scene, areas, tracks, left_out(told.source, of_objects))
+    contents = Contents(reading.scene, areas, tracks, left_out(options.source, of_objects))
     contents.derived = reading.derived
     contents.remarks = list(reading.remarks())
     return contents

@@ -10,7 +10,7 @@ from conflictdb.formats.standards import MADE, Quantity, quantity_of
 from conflictdb.model.plans import Area, Track, has_heights, has_size
 
 _INSTANT: Final = re.compile(r"\s*(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[-/.]\d\d?[-/.]\d{4})(?:[T ]\d\d:\d\d.*)?\s*")
-# What instants and numbers begin with.
+# First characters of instants and numbers.
 _FIRST: Final = frozenset("0123456789+-.F \t")
 # Least number that may be an instant: seconds since 1970, in 1973. Milliseconds are larger.
 _LEAST: Final = 1e8

@@ -53,7 +53,7 @@ def around(
     beside = [one for one in strays if one.is_off and one.key not in off]
     beside = [beside[k] for k in _within_reach(settings, mine, beside, until_us)]
     world = World(Setup.of(settings))
-    # Of a plan that stands still, or whose speed is unknown, no disc contains where its track may be.
+    # No disc contains the places of a track whose plan stands still, or whose speed is unknown.
     stopped = [one.key for one in mine if one.fastest_mps <= STANDS_MPS]
     discs, lost = _placed(world, [one for one in (*mine, *beside) if one.fastest_mps > STANDS_MPS], until_us)
     # A lateness beyond is an alarm of its own.

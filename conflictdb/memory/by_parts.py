@@ -81,7 +81,7 @@ class PartialProgram:
         total = costs[0] + costs[1]
         cost = total if self.goal == "total" else np.maximum(*costs)
         cost = np.where((first <= high_i) & (second <= high_j), cost, np.inf)
-        # Of equal choices the one with the least total.
+        # Among equal choices take the least total.
         k = int(np.lexsort((total.ravel(), cost.ravel()))[0])
         delays = np.array([first.ravel()[k], second.ravel()[k]], np.float64)
         return Relaxed(delays, frozenset(), float(cost.ravel()[k]), False)

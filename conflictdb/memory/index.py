@@ -76,7 +76,7 @@ class Index:
         # When plans without a schedule may touch anything, and over which time schedules are expanded.
         self._touched: Window | None = None
         self._window: Window | None = None
-        # What the last probe of plans beyond that time was compared with.
+        # Pieces with which the last probe of plans beyond that time was compared.
         self._extra: _Extra | None = None
         self._cut = _LastCut()
 

@@ -279,7 +279,7 @@ def speeds_over(
     setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest), window)
     scene = setup.scene
     once = [row for row, track in enumerate(tracks) if track.departures_us is None and track.schedule is None]
-    # Of all tracks, those that repeat stay as planned.
+    # If all tracks are asked about, those that repeat stay as planned.
     given = tracks if key is None and not once else [track for track in tracks if track.key == key]
     require_one_voyage("speeds", "key", given)
     if leg is not None:

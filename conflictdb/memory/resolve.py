@@ -42,7 +42,7 @@ _MOST_LEVEL: Final = 1_000_000
 # A solver keeps its numbers to some digits: costs must not differ by more.
 _LEAST_WEIGHT: Final = 1e-6
 _MOST_WEIGHT: Final = 1e6
-# Of tracks that `detours` has ways for, but a proposal cannot store.
+# Reasons of tracks for which `detours` has ways that a proposal cannot store.
 _AS_FAST: Final = "keeps its speed: its tolerances contain other speeds already"
 _REPEATED: Final = "stays as planned: its voyages repeat"
 _AREA_REPEATED: Final = "stays as planned: its times follow a schedule"

@@ -5,7 +5,7 @@ from enum import Enum, StrEnum, auto
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-# What to say to who asks for a method of earlier releases.
+# Messages about methods of earlier releases.
 REMOVED: Final[Mapping[str, str]] = MappingProxyType({"window": "was removed: use exact, which is quicker and decides"})
 
 

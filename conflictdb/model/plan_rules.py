@@ -21,7 +21,7 @@ Floats: TypeAlias = NDArray[np.float64]
 MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
-# What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
+# The time of a pair grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
 MAX_HAVEN_CORNERS: Final = 10_000
 # Rounding of its coordinates turns a straight corner by this much at most, times the square of the largest coordinate.
 HAVEN_SLACK: Final = 8.0 * sys.float_info.epsilon
@@ -31,14 +31,14 @@ MAX_POINTS: Final = 1_000_000
 # Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
-# Of a ring that goes round a pole.
+# Added to the errors of a ring that goes round a pole.
 POLE_RULE: Final = (
     "; it goes round a pole: close it along latitude 90, as in […, [180, 85], [180, 90], [-180, 90], [-180, 85], …], "
     "in a scene with motion great_circle"
 )
 _MOST_DEG: Final = np.array([MAX_LONGITUDE_DEG, MAX_LATITUDE_DEG])
 _MULTIPOLYGON: Final = int(shapely.GeometryType.MULTIPOLYGON)
-# Of a height.
+# Rule of heights.
 FINITE: Final = "must be a finite number of metres, or absent"
 IN_CALENDAR: Final = "must lie in the years 1 to 9999"
 

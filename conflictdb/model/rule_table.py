@@ -51,7 +51,7 @@ class RuleTable:
             return np.arange(KINDS.index(side), n, 2) if side in KINDS else 2 * place[side] + np.arange(2)
 
         for number, rule in enumerate(rules):
-            # Of the pairs of its two sides alone: a thousand rules have millions of pairs of types.
+            # Only pairs of its two sides are read: a thousand rules have millions of pairs of types.
             a, b = types(rule.a_class), types(rule.b_class)
             block, mirrored = (a[:, None], b), (b[:, None], a)
             own_chosen, own_rank, own_rival = chosen[block], rank[block], rival[block]

@@ -13,7 +13,7 @@ from conflictdb.model.settings import SETTINGS, checked
 
 # Words for all areas and all tracks in separation rules.
 KINDS: Final = ("area", "track")
-# Of a class or an owner; they are stored with every piece.
+# Longest class or owner, which every piece stores.
 MAX_WORD_BYTES: Final = 200
 # Rules of a scene; each class in them adds two rows and columns to the table of all pairs.
 MAX_RULES: Final = 1_000

@@ -26,7 +26,7 @@ from conflictdb.plot.report import check_name, rendered
 from conflictdb.plot.section import Section
 from conflictdb.plot.style import written_whole
 
-# What fits a page; more is counted.
+# Rows that fit on a page; further rows are counted.
 _MOST_PLACES: Final = 24
 _MOST_TIMES: Final = 16
 _MOST_CONFLICTS: Final = 12

@@ -44,7 +44,7 @@ from conflictdb.plot.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# What fits on a page and can be read; and on the first page of a report, below its counts.
+# Rows that fit on a page and can be read; and on the first page of a report, below its counts.
 MOST_ROWS: Final = 40
 _MOST_WORST: Final = 10
 _MOST_NAMES: Final = 30
@@ -500,7 +500,7 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
         return
     room = max(0.04 * (max(ends) - min(ends)), timedelta(seconds=1))
     first, last = min(ends) - room, max(ends) + room
-    # What is shorter than a hair is drawn as wide as one.
+    # Minimum width of a bar: one hairline.
     hair = (last - first) / 400
     for row, one in enumerate(conflicts):
         for start, end in one.periods:

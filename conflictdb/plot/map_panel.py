@@ -28,13 +28,13 @@ _ROOM: Final = 0.06
 _LEAST_M: Final = 1.0
 # No label is this near to the end of an edge, as a share of it: it would be cut off.
 _EDGE: Final = 0.02
-# What a name takes, points.
+# Room of a name, points.
 _NAME_WIDTH: Final = 40.0
 _NAME_HEIGHT: Final = 8.5
 _SIGN_WIDTH: Final = 4.5
 # Below a name, so that lines do not cross its letters.
 _PLATE: Final[Any] = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}
-# What has more objects than these is drawn as an image within the figure: a vector each would make files of megabytes.
+# Layers of more objects are drawn as an image within the figure: vectors would make files of megabytes.
 MOST_VECTORS: Final = 2_000
 
 

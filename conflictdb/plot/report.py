@@ -28,10 +28,10 @@ from conflictdb.plot.pdf import document
 from conflictdb.plot.section import Section, drawn
 from conflictdb.plot.style import checked_name, instant, written_whole
 
-# What a reader goes through; `conflictdb conflicts --format csv` has all of it.
+# As many as a reader goes through; `conflictdb conflicts --format csv` has all.
 _MOST_CONFLICTS: Final = 500
 _MOST_PAIRS_DRAWN: Final = 6
-# Of further tracks in conflict only the first names are listed.
+# Tracks in conflict with a table of delays; the first of the others are named.
 _MOST_DELAYS: Final = 50
 # Depths of more conflicts take tens of seconds.
 _MOST_DEPTHS: Final = 20_000

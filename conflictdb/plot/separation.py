@@ -108,7 +108,7 @@ def _depth(
                 overlap = one.max(axis=0) - other.min(axis=0)
                 depth = np.where(length[k] > 0.0, np.minimum(depth, overlap), depth)
     depth = np.where(np.isfinite(depth), np.maximum(depth, 0.0), 0.0)
-    # Where they overlap is in the smaller one.
+    # The overlap lies in the smaller one.
     extent = [np.ptp(one, axis=1).max(axis=0) for one in both]
     slots = max(one.shape[1] for one in both)
     padded = [np.pad(one, ((0, 0), (0, slots - one.shape[1]), (0, 0)), mode="edge") for one in both]

@@ -15,7 +15,7 @@ from conflictdb.model.results import Verdict
 
 # Distinguishable with colour blindness (Okabe and Ito), and by lightness.
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
-# Of paths on a map of many: also where they cross, conflicts stand out.
+# Colour of paths on a map of many: conflicts stand out where paths cross, too.
 PALE: Final = "#7fb8d8"
 LAND, COAST = "#efede6", "#c3c4bf"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}

@@ -37,7 +37,7 @@ from conflictdb.store.stored_bundles import (
 from conflictdb.store.stored_objects import AREA_STRINGS, TOLERANCES, TRACK_STRINGS
 from conflictdb.store.stored_pairs import Parts
 
-# What _put_pieces returns besides PIECE_COLUMNS and PIECE_STRINGS.
+# Columns that _put_pieces returns besides PIECE_COLUMNS and PIECE_STRINGS.
 _MET: Final = ["met", "own_parts", "met_parts"]
 _COUNTS: Final = ["candidate_pairs", "stage2_us"]
 

@@ -140,7 +140,7 @@ def state_within(conn: psycopg.Connection[Any], state: SceneState, spans: Iterab
         return state
     first, last = min(starts + ends), max(starts + ends)
     with transaction(conn):
-        # What begins at the end of that time is beyond it.
+        # Objects that begin at the end of the horizon are beyond it.
         span = TimestamptzRange(first, last, "[]" if last in starts or first == last else "[)")
         (beyond,) = call(conn, "_beyond_horizon", state.scene, span)
     if beyond is None:

@@ -59,7 +59,7 @@ _TRACK_HEAD: Final = [("track_id", "i8"), ("version", "i8")]
 AREA_COLUMNS = [*_AREA_HEAD, *((one.name, "f8") for one in measures(AREA))]
 TRACK_COLUMNS = [*_TRACK_HEAD, *((one.name, "f8") for one in measures(TRACK))]
 AREA_STRINGS, TRACK_STRINGS = ([one.name for one in bytes_columns(kind)] for kind in KINDS)
-# Of rows of tracks, after all others.
+# Follow all other columns in rows of tracks.
 TOLERANCES = ["tolerances"]
 # Those of _read_areas and _read_tracks.
 _READ_AREAS = [*_AREA_HEAD, *fixed_columns(AREA)], [*AREA_STRINGS, "key", "properties", *string_columns(AREA)]

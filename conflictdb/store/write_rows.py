@@ -46,7 +46,7 @@ _SENT_AS: Final = {
     ColumnType.INSTANT: "timestamptz",
     ColumnType.NAME: "text",
 }
-# What _write_run takes of a row, in its order.
+# Columns of a row that _write_run reads, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
     "a_id": "bigint",

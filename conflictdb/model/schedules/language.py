@@ -38,7 +38,7 @@ _NOTATIONS: Final = {
     "periods": {"periods", "days", "dates", "except", "timezone"},
 }
 _MOST_PARTS: Final = 366
-# Of a list in a schedule, and of all lists of several; more take seconds before their activations are too many.
+# Entries of a list in a schedule, and of all its lists together. More take seconds before they are refused.
 _MOST_ENTRIES: Final = 10_000
 
 

@@ -29,7 +29,7 @@ _DAY: Final = timedelta(days=1)
 _DAY_S: Final = 86_400
 _MINUTE_S: Final = 60
 _DAYS_AT_ONCE: Final = 10_000
-# Of a day that the sun does not divide, the two events are one instant, up to rounding.
+# On a day without sunrise and sunset, both events are one instant, up to rounding.
 _LEAST_SUN_S: Final = 2.0
 _EPOCH: Final = date(1970, 1, 1)
 _CLOCK_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
