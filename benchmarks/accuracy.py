@@ -261,20 +261,22 @@ def row_of(
     slack: list[float] = []
     apart = false = missed = 0
     for pair, meeting in truth.items():
-        told = answer.get(pair)
+        reported = answer.get(pair)
         if not meeting.touches:
-            apart += told is not None
+            apart += reported is not None
             allowed_m = {Verdict.CONFLICT: 0.0, Verdict.GRAZING: scene.tolerance_m, Verdict.UNRESOLVED: np.inf}
-            false += told is not None and meeting.least_m > allowed_m[told.verdict] + TOUCH_M
-        elif told is None:
+            false += reported is not None and meeting.least_m > allowed_m[reported.verdict] + TOUCH_M
+        elif reported is None:
             # An instant at the very end of a span may be there or not.
             missed += max(end - start for start, end in meeting.intervals) > ROUNDING_S
         else:
-            told_us, true_us = (np.asarray(spans, np.float64) for spans in (told.periods_us, meeting.intervals_us))
-            for before in ((told_us[0, 0] - true_us[0, 0]) / 1e6, (true_us[-1, 1] - told_us[-1, 1]) / 1e6):
+            reported_us, true_us = (
+                np.asarray(spans, np.float64) for spans in (reported.periods_us, meeting.intervals_us)
+            )
+            for before in ((reported_us[0, 0] - true_us[0, 0]) / 1e6, (true_us[-1, 1] - reported_us[-1, 1]) / 1e6):
                 unsafe.append(max(before, 0.0))
                 slack.append(max(-before, 0.0))
-    conflicts = [told.time_error_s for told in answer.values() if told.verdict is Verdict.CONFLICT]
+    conflicts = [reported.time_error_s for reported in answer.values() if reported.verdict is Verdict.CONFLICT]
     return Row(
         workload=workload.name,
         earth=scene.earth.value,
@@ -287,7 +289,7 @@ def row_of(
         missed=int(missed),
         apart=apart,
         false=int(false),
-        unresolved=sum(told.verdict is Verdict.UNRESOLVED for told in answer.values()),
+        unresolved=sum(reported.verdict is Verdict.UNRESOLVED for reported in answer.values()),
         wrong=len(compare(scene, truth, answer).wrong),
         unsafe_s=spread(unsafe),
         slack_s=spread(slack),

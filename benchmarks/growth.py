@@ -152,10 +152,12 @@ def growth(own: Sequence[dict[str, Any]]) -> str:
     if len(own) < 2:
         return "."
     large = [row for row in own if row["objects"] >= SMALL]
-    told = [f"{word} N^{exponent(own[-2:], name):.2f}" for word, name in (("time", "total_s"), ("processor", "cpu_s"))]
+    exponents = [
+        f"{word} N^{exponent(own[-2:], name):.2f}" for word, name in (("time", "total_s"), ("processor", "cpu_s"))
+    ]
     if len(large) > 2:
-        told.append(f"time from {SMALL:,} on N^{exponent(large, 'total_s'):.2f}")
-    return f": over the last two sizes {', '.join(told)}."
+        exponents.append(f"time from {SMALL:,} on N^{exponent(large, 'total_s'):.2f}")
+    return f": over the last two sizes {', '.join(exponents)}."
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -204,16 +206,16 @@ def main() -> None:
     if args.folder:
         import figures  # noqa: F401  # reports how to install a missing matplotlib before anything is measured
     rows: list[dict[str, Any]] = read_csv(args.folder / "growth.csv") if args.redraw else []
-    told = None
+    software = None
     for series, objects in [] if args.redraw else [("sea", n) for n in args.sea] + [("box", n) for n in args.box]:
         with fresh_database(args.dsn) as dsn:
             rows.append(measure(dsn, series, objects, 3 if objects <= SMALL else 1, jobs=args.jobs))
             with conflictdb.connect(dsn) as db:
-                told = versions(db.connection)
+                software = versions(db.connection)
         print({name: value for name, value in rows[-1].items() if value}, flush=True)
         if args.folder:  # large scenes take long: keep the results so far
             write_csv(args.folder / "growth.csv", rows)
-    text = table(rows) + (f"\n\n{told}." if told else "")
+    text = table(rows) + (f"\n\n{software}." if software else "")
     show(text, "growth", args.document)
     if args.folder:
         draw(rows, args.folder / "growth.svg")

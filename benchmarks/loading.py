@@ -237,7 +237,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="write loading.csv there")
     args = parser.parse_args()
     rows: list[dict[str, Any]] = []
-    told = ""
+    software = ""
     with TemporaryDirectory() as temporary:
         folder = args.files or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -245,9 +245,9 @@ def main() -> None:
             with fresh_database(args.dsn) as dsn:
                 rows += measured(dsn, objects, made_file(objects, folder))
                 with conflictdb.connect(dsn) as db:
-                    told = versions(db.connection)
+                    software = versions(db.connection)
         if rows:
-            text = f"{table(rows)}\n\n{told}."
+            text = f"{table(rows)}\n\n{software}."
             show(text, "loading", args.document)
             if args.folder:
                 write_csv(args.folder / "loading.csv", rows)

@@ -130,10 +130,10 @@ def main() -> None:
             for row in rows[-len(some) :]:
                 print(row, flush=True)
         with conflictdb.connect(dsn) as db:
-            told = versions(db.connection)
+            software = versions(db.connection)
     if args.folder:
         write_csv(args.folder / "million.csv", rows)
-    show(f"{args.objects:,} objects.\n\n{table(rows)}\n\n{told}.", "million", args.document)
+    show(f"{args.objects:,} objects.\n\n{table(rows)}\n\n{software}.", "million", args.document)
 
 
 if __name__ == "__main__":

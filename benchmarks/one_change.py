@@ -104,8 +104,8 @@ def measure(dsn: str, objects: int, times: int, events: int) -> None:
             changes.make()
             await_detection(listener)
             medians_ms(changes, lambda: await_detection(listener), WARM_UP, lambda: 0.0)
-            told = medians_ms(changes, lambda: await_detection(listener), times, lambda: 0.0)
-            print(f"{objects:>7,} objects, worker             {told}", flush=True)
+            medians = medians_ms(changes, lambda: await_detection(listener), times, lambda: 0.0)
+            print(f"{objects:>7,} objects, worker             {medians}", flush=True)
 
 
 def main() -> None:

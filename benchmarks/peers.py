@@ -62,7 +62,7 @@ Spans = dict[Pair, tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class Told:
+class PeerAnswer:
     """Answer and cost of one peer for a scene.
 
     spans : pairs and their first and last instant, microseconds; (0, 0) if it does not report times
@@ -161,7 +161,7 @@ def in_turns(
     return answer, seconds, cpu
 
 
-def product(dsn: str, given: Given, turns: int) -> list[Told]:
+def product(dsn: str, given: Given, turns: int) -> list[PeerAnswer]:
     """Return the answers of conflictdb: in the database, its first two stages, and in memory."""
     found = []
     with conflictdb.connect(dsn) as db:
@@ -170,7 +170,7 @@ def product(dsn: str, given: Given, turns: int) -> list[Told]:
             load(db, replace(given.scene, name=name), [(given.areas, given.tracks)])
             found.append(detect(db, name))
         spans = _spans(db.scene(name).conflicts())
-    whole = Told(
+    whole = PeerAnswer(
         "conflictdb",
         spans,
         [one.total_s for one in found],
@@ -179,11 +179,13 @@ def product(dsn: str, given: Given, turns: int) -> list[Told]:
         "nothing of this scene",
     )
     solved, seconds, cpu = in_turns(lambda: conflictdb.solve(given.tracks, given.areas, given.scene), turns)
-    memory = Told("conflictdb in memory", _spans(solved), seconds, cpu, "periods with proven bounds", "a database")
+    memory = PeerAnswer(
+        "conflictdb in memory", _spans(solved), seconds, cpu, "periods with proven bounds", "a database"
+    )
     screened = replace(given.scene, method=conflictdb.Method.SCREEN)
     might = _spans(conflictdb.solve(given.tracks, given.areas, screened))
     first = [one.stage1_s + one.stage2_s for one in found]
-    return [whole, memory, Told("its stages 1 and 2", _timeless(might), [], first, "who might meet", "when")]
+    return [whole, memory, PeerAnswer("its stages 1 and 2", _timeless(might), [], first, "who might meet", "when")]
 
 
 def _spans(conflicts: Sequence[conflictdb.Conflict]) -> Spans:
@@ -201,13 +203,13 @@ def _timeless(spans: Spans) -> Spans:
     return dict.fromkeys(spans, (0, 0))
 
 
-def paper(given: Given, turns: int) -> Told:
+def paper(given: Given, turns: int) -> PeerAnswer:
     """Return the answer of the paper's pipeline."""
     earth = earth_of(given.scene.earth)
     found: Answers
     found, seconds, cpu = in_turns(lambda: solve_pieces(earth, given.pieces), turns)
     spans = given.spans(found.a, found.b, found.first_us, found.last_us)
-    return Told("the paper in Python", spans, seconds, cpu, "one period each", "bounds; proof; all but convex")
+    return PeerAnswer("the paper in Python", spans, seconds, cpu, "one period each", "bounds; proof; all but convex")
 
 
 _TABLES: Final = """
@@ -227,7 +229,7 @@ WHERE a.object < b.object
 """
 
 
-def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
+def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[PeerAnswer]:
     """Return the answers of plain PostGIS: of swept hulls, and of circles around tracks."""
     columns = np.load(path)
     hulls = shapely.polygons(
@@ -235,7 +237,7 @@ def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
             columns["hull_xy"], indices=np.repeat(np.arange(len(given.pieces)), np.diff(columns["hull_offset"]))
         )
     )
-    told = []
+    found = []
     with psycopg.connect(dsn) as conn:
         conn.execute(_TABLES)
         with conn.cursor().copy("COPY swept FROM STDIN") as copy:
@@ -263,11 +265,11 @@ def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
             a, b = np.array(rows, np.int64).reshape(-1, 2).T
             nothing = np.zeros(len(a), np.int64)
             spans = given.spans(a, b, nothing, nothing)
-            told.append(Told(name, spans, seconds, cpu, "who might meet", leaves_out, tracks_only))
-    return told
+            found.append(PeerAnswer(name, spans, seconds, cpu, "who might meet", leaves_out, tracks_only))
+    return found
 
 
-def elsewhere(name: str, python: Path, given: Given, folder: Path, turns: int) -> Told:
+def elsewhere(name: str, python: Path, given: Given, folder: Path, turns: int) -> PeerAnswer:
     """Return the answer of a peer in another environment."""
     command = [str(python), str(Path(__file__).with_name("peers_elsewhere.py")), name, str(folder), str(turns)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -280,7 +282,7 @@ def elsewhere(name: str, python: Path, given: Given, folder: Path, turns: int) -
         "meos": ("PyMEOS {}, tdwithin", "one period each", "bounds; areas; polygons (circles)"),
     }[name]
     seconds, cpu = said["seconds"], said["cpu"]
-    return Told(title.format(said["version"]), spans, seconds, cpu, answers, leaves_out, name == "meos")
+    return PeerAnswer(title.format(said["version"]), spans, seconds, cpu, answers, leaves_out, name == "meos")
 
 
 def environment(folder: Path) -> tuple[Path, list[str]]:
@@ -305,30 +307,30 @@ def environment(folder: Path) -> tuple[Path, list[str]]:
     return python, known
 
 
-def row_of(given: Given, told: Told, truth: Spans) -> dict[str, Any]:
+def row_of(given: Given, answer: PeerAnswer, truth: Spans) -> dict[str, Any]:
     """Return a row: the cost of a peer, and its answer against the truth."""
-    held = {pair: span for pair, span in truth.items() if not told.tracks_only or (pair[0][0] == pair[1][0] == "T")}
+    held = {pair: span for pair, span in truth.items() if not answer.tracks_only or (pair[0][0] == pair[1][0] == "T")}
     timed = [
-        max(abs(told.spans[pair][0] - span[0]), abs(told.spans[pair][1] - span[1])) / 1e6
+        max(abs(answer.spans[pair][0] - span[0]), abs(answer.spans[pair][1] - span[1])) / 1e6
         for pair, span in held.items()
-        if not told.peer.startswith("conflictdb")
-        and told.spans.get(pair, (0, 0))[1]
+        if not answer.peer.startswith("conflictdb")
+        and answer.spans.get(pair, (0, 0))[1]
         and span[0] > 0
         and "T" in pair[0][0] + pair[1][0]
     ]
     return {
         "scene": given.scene.name,
-        "peer": told.peer,
-        "seconds": median(told.seconds) if told.seconds else None,
-        "cpu_s": median(told.cpu_s) if told.cpu_s else None,
-        "reported": len(told.spans),
+        "peer": answer.peer,
+        "seconds": median(answer.seconds) if answer.seconds else None,
+        "cpu_s": median(answer.cpu_s) if answer.cpu_s else None,
+        "reported": len(answer.spans),
         "meet": len(held),
-        "missed": len(held.keys() - told.spans.keys()),
-        "false": len(told.spans.keys() - held.keys()),
+        "missed": len(held.keys() - answer.spans.keys()),
+        "false": len(answer.spans.keys() - held.keys()),
         "end_median_s": median(timed) if timed else None,
         "end_worst_s": max(timed) if timed else None,
-        "answers": told.answers,
-        "leaves_out": told.leaves_out,
+        "answers": answer.answers,
+        "leaves_out": answer.leaves_out,
     }
 
 
@@ -338,17 +340,17 @@ def compare(dsn: str, kind: Kind, objects: int, turns: int, python: Path, names:
     names : available peers
     """
     given = Given.of(kind, objects)
-    told = product(dsn, given, turns)
-    truth = told[0].spans
+    answers = product(dsn, given, turns)
+    truth = answers[0].spans
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         given.save(folder / "given.npz")
         if "paper" in names:
-            told.append(paper(given, turns))
+            answers.append(paper(given, turns))
         if "postgis" in names:
-            told += postgis(dsn, given, folder / "given.npz", turns)
-        told += [elsewhere(name, python, given, folder, turns) for name in PACKAGES if name in names]
-    return [row_of(given, one, truth) for one in told]
+            answers += postgis(dsn, given, folder / "given.npz", turns)
+        answers += [elsewhere(name, python, given, folder, turns) for name in PACKAGES if name in names]
+    return [row_of(given, one, truth) for one in answers]
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
@@ -405,8 +407,8 @@ def main() -> None:
             for kind in (Kind.MIXED, Kind.TRACKS):
                 rows += compare(dsn, kind, objects, args.turns, python, names)
         with conflictdb.connect(dsn) as db:
-            told = versions(db.connection)
-    text = f"{table(rows)}\n\n{told}."
+            software = versions(db.connection)
+    text = f"{table(rows)}\n\n{software}."
     show(text, "peers", args.document)
     if args.folder:
         write_csv(args.folder / "peers.csv", rows)

@@ -88,7 +88,7 @@ def measure(db: conflictdb.Database, name: str, flights: int | None, **settings:
 def table(runs: list[RealRun]) -> str:
     """Return a table in Markdown, a column for each scene."""
 
-    def told(counts: dict[str, int]) -> str:
+    def counted(counts: dict[str, int]) -> str:
         return ", ".join(f"{count:,} `{name}`" for name, count in counts.items())
 
     rows: list[tuple[str, Callable[[RealRun], str]]] = [
@@ -96,8 +96,8 @@ def table(runs: list[RealRun]) -> str:
         ("candidates", lambda run: f"{run.new.candidate_pairs:,}"),
         ("hulls meet", lambda run: f"{run.new.intersecting_pairs:,}"),
         ("pairs solved", lambda run: f"{run.new.solved_pairs:,}"),
-        ("conflicts", lambda run: f"{run.new.conflicts:,}: {told(run.verdicts)}"),
-        ("between", lambda run: told(run.kinds)),
+        ("conflicts", lambda run: f"{run.new.conflicts:,}: {counted(run.verdicts)}"),
+        ("between", lambda run: counted(run.kinds)),
         ("bound on times: median, widest", lambda run: f"{run.bound_s[0]:.1e} s, {run.bound_s[1]:.2g} s"),
         ("detected, s", lambda run: f"{run.new.total_s:.1f}"),
         ("processor, s", lambda run: "" if run.new.cpu_s is None else f"{run.new.cpu_s:.1f}"),
@@ -126,8 +126,8 @@ def main() -> None:
         for name in args.only:
             runs.append(measure(db, name, args.flights, method=args.method, jobs=args.jobs))
             print(f"{name}: {runs[-1].holds}", flush=True)
-        told = versions(db.connection)
-    text = f"{table(runs)}\n\nMethod `{args.method}`. {told}."
+        software = versions(db.connection)
+    text = f"{table(runs)}\n\nMethod `{args.method}`. {software}."
     show(text, "real runs", args.document)
     if args.method is Method.EXACT and args.flights is None:
         other = [

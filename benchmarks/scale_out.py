@@ -94,13 +94,13 @@ def on_spark(master: str, processors: int, path: str, partitions: int, directory
         write_conflicts(found, str(output))
         ended, version = time.time(), f"Spark {spark.version}"
     conflicts = sum(pq.read_metadata(part).num_rows for part in output.glob("*.parquet"))
-    told = told_by(events(Path(directory)), started, ended) | {"java_mb": held.java_mb, "worker_mb": held.worker_mb}
+    taken = times_of(events(Path(directory)), started, ended) | {"java_mb": held.java_mb, "worker_mb": held.worker_mb}
     if master.startswith("local"):
-        told["disk_mb"] = held.disk_mb
-    return Taken(started - began, **told, total_s=ended - started, conflicts=conflicts), version
+        taken["disk_mb"] = held.disk_mb
+    return Taken(started - began, **taken, total_s=ended - started, conflicts=conflicts), version
 
 
-def told_by(events: Iterable[dict[str, Any]], began: float, ended: float) -> dict[str, float]:
+def times_of(events: Iterable[dict[str, Any]], began: float, ended: float) -> dict[str, float]:
     """Return seconds by parts, task_s, single_s and megabytes, as Spark's log of events has them."""
     spans: dict[str, list[tuple[float, float]]] = {part: [] for part in PARTS}
     tasks: dict[int, float] = {}
@@ -212,12 +212,12 @@ def measure(legs: int, target: str | None, jobs: int) -> tuple[list[dict[str, An
                 found[way], spark = in_fresh_process(on_spark, master, processors, str(path), partitions, str(own))
             print(way, found[way], flush=True)
         with fresh_database(target) as dsn:
-            found[DATABASE], told = in_fresh_process(in_postgresql, dsn, str(path), jobs)
+            found[DATABASE], software = in_fresh_process(in_postgresql, dsn, str(path), jobs)
         print(DATABASE, found[DATABASE], flush=True)
     if len({taken.conflicts for taken in found.values()}) > 1:
         raise SystemExit(f"conflicts differ: { {way: taken.conflicts for way, taken in found.items()} }")
     return [{"legs": legs, "objects": objects, "way": way, **asdict(taken)} for way, taken in found.items()], (
-        f"{told.removesuffix('.')}, {spark}"
+        f"{software.removesuffix('.')}, {spark}"
     )
 
 
@@ -253,20 +253,20 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     largest = [row for row in rows if row["legs"] == rows[-1]["legs"]]
     ways = {row["way"]: row for row in largest}
     alone = ways[ALONE]
-    told = (
+    note = (
         f"{alone['legs']:,} legs are {alone['objects']:,} objects; all ways found {alone['conflicts']:,} conflicts. "
         f"On one processor {alone['between_s']:.3g} s passed between tasks, {alone['single_s']:.3g} s in stages of one "
         f"task and {alone['task_s']:.3g} s in all others. By these the model foretells {modelled_s(alone, 1, 2):.3g} s "
         f"for two processors, where {ways[TOGETHER]['total_s']:.3g} and {ways[CLUSTER]['total_s']:.3g} s were "
         f"measured; on machines of {PROCESSORS} processors and {8 * NETWORK / 1e9:.0f} Gbit/s, which were not measured:"
     )
-    foretold = [(n, modelled_s(alone, n, PROCESSORS)) for n in MACHINES]
+    modelled = [(n, modelled_s(alone, n, PROCESSORS)) for n in MACHINES]
     model = [
         [f"{n}", f"{taken:.3g}", f"{n * PROCESSORS * taken:,.0f}", f"{alone['total_s'] / taken / n / PROCESSORS:.0%}"]
-        for n, taken in foretold
+        for n, taken in modelled
     ]
     costs = markdown(("machines", "foretold, s", "processor seconds paid", "efficiency"), model)
-    return f"{markdown((*heads, *sizes.values()), lines)}\n\n{_winner(rows)}\n\n{told}\n\n{costs}"
+    return f"{markdown((*heads, *sizes.values()), lines)}\n\n{_winner(rows)}\n\n{note}\n\n{costs}"
 
 
 def _winner(rows: Sequence[dict[str, Any]]) -> str:
@@ -296,11 +296,11 @@ def main() -> None:
     args = parser.parse_args()
     rows: list[dict[str, Any]] = []
     for legs in args.legs:
-        some, told = measure(legs, args.dsn, args.jobs)
+        some, software = measure(legs, args.dsn, args.jobs)
         rows += some
         if args.folder:
             write_csv(args.folder / "scale_out.csv", rows)
-    text = f"{table(rows)}\n\n{told}."
+    text = f"{table(rows)}\n\n{software}."
     show(text, "scale out", args.document)
 
 

@@ -168,12 +168,12 @@ class Editor(threading.Thread):
         if self._removed:
             conn.execute(AREA_PUT, self._removed.pop())
             return
-        told = self._next("removed")
-        row = conn.execute(AREA_KEPT, told).fetchone()
+        removed = self._next("removed")
+        row = conn.execute(AREA_KEPT, removed).fetchone()
         if row is None:
-            raise RuntimeError(f"no area {told['key']!r}")
-        self._removed.append((SCENE, told["key"], *row))
-        conn.execute("SELECT conflictdb.remove_object(%(scene)s, %(key)s)", told)
+            raise RuntimeError(f"no area {removed['key']!r}")
+        self._removed.append((SCENE, removed["key"], *row))
+        conn.execute("SELECT conflictdb.remove_object(%(scene)s, %(key)s)", removed)
 
 
 @contextmanager
@@ -227,9 +227,9 @@ def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float, warm
             process.wait()
             said.seek(0)
             for line in said.read().decode().splitlines():
-                told = json.loads(line) if line.startswith("{") else {"event": line}
-                runs += told["event"] == "run"
-                if told["event"] not in {"run", "conflictdb: working; Ctrl-C ends", "conflictdb: stopped"}:
+                event = json.loads(line) if line.startswith("{") else {"event": line}
+                runs += event["event"] == "run"
+                if event["event"] not in {"run", "conflictdb: working; Ctrl-C ends", "conflictdb: stopped"}:
                     errors.append(line)
         return Soaked(lags.waited_s, lags.edits, max(one.late_s for one in crew), runs, errors)
 
@@ -324,7 +324,7 @@ def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, min
             "grown_most": max(grown, key=lambda name: grown[name], default=""),
             "history_bytes": sum(after[name] - new[name] for name in HISTORY) / (first.edits + second.edits),
             "load": max(load_before, os.getloadavg()[0]),
-            "told": "; ".join(first.errors + second.errors),
+            "messages": "; ".join(first.errors + second.errors),
         }
 
 
@@ -370,12 +370,12 @@ def main() -> None:
         with fresh_database(args.dsn) as dsn:
             rows.append(measure(dsn, objects, args.rate, args.editors, args.workers, args.minutes))
             with psycopg.connect(dsn) as conn:
-                told = versions(conn)
-    text = f"{table(rows)}\n\n{told}."
+                software = versions(conn)
+    text = f"{table(rows)}\n\n{software}."
     show(text, "soak", args.document)
     for row in rows:
-        if row["told"]:
-            print(row["told"], file=sys.stderr)
+        if row["messages"]:
+            print(row["messages"], file=sys.stderr)
     if args.folder:
         write_csv(args.folder / "soak.csv", rows)
 

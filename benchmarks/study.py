@@ -233,13 +233,13 @@ def main() -> None:
     parser.add_argument("--redraw", action="store_true", help="measure nothing: take the numbers from the folder")
     args = parser.parse_args()
     if args.redraw:
-        rows, told = read_csv(args.folder / "study.csv"), None
+        rows, software = read_csv(args.folder / "study.csv"), None
     else:
         with fresh_database(args.dsn) as dsn:
             rows = study(dsn, args.objects, args.seeds, args.methods)
             with conflictdb.connect(dsn) as db:
-                told = versions(db.connection)
-    text = table(rows) + (f"\n\n{told}." if told else "")
+                software = versions(db.connection)
+    text = table(rows) + (f"\n\n{software}." if software else "")
     show(text, "study", args.document)
     if args.folder and not args.redraw:
         write_csv(args.folder / "study.csv", rows)

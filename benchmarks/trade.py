@@ -96,9 +96,9 @@ def main() -> None:
     with fresh_database(args.dsn) as dsn:
         with conflictdb.connect(dsn) as db:
             detect(db, WARM)
-            told = versions(db.connection)
+            software = versions(db.connection)
         rows = [row for name in args.scenes for row in measure(dsn, name, SCENES[name](), args.rounds)]
-    show(f"{markdown((*heads, *(one.split('_')[0] for one in STAGES)), rows)}\n\n{told}.", "trade", args.document)
+    show(f"{markdown((*heads, *(one.split('_')[0] for one in STAGES)), rows)}\n\n{software}.", "trade", args.document)
 
 
 if __name__ == "__main__":

@@ -200,8 +200,8 @@ def main() -> None:
         for series, objects in [("box", n) for n in args.box] + [("sea", n) for n in args.sea]:
             rows += measure(dsn, series, objects, args.turns)
         with conflictdb.connect(dsn) as db:
-            told = versions(db.connection)
-    text = f"{table(rows)}\n\n{told}."
+            software = versions(db.connection)
+    text = f"{table(rows)}\n\n{software}."
     show(text, "unit costs", args.document)
     if args.folder:
         write_csv(args.folder / "unit-costs.csv", rows)

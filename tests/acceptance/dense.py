@@ -115,7 +115,7 @@ def main() -> int:
         total, began = Count(), time.process_time()
         for seed in count(options.seed):
             one = check(workload, seed, options.objects)
-            for line in one.sampled.told:
+            for line in one.sampled.problems:
                 sys.stdout.write(f"  {workload.name}, seed {seed}: {line}\n")
             total.add(one)
             if total.pairs * len(chosen) >= options.pairs:

@@ -59,10 +59,10 @@ class Count:
     doubtful: int = 0
     unresolved: int = 0
     widest_s: dict[str, float] = field(default_factory=dict)
-    told: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
 
     def add(self, other: "Count") -> None:
-        for name in ("pairs", "skipped", "missed", "wrong", "doubtful", "unresolved", "told"):
+        for name in ("pairs", "skipped", "missed", "wrong", "doubtful", "unresolved", "problems"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name, widest in other.widest_s.items():
             self.widest_s[name] = max(widest, self.widest_s.get(name, 0.0))
@@ -228,14 +228,14 @@ def _touching(pairs: Pairs, by_deg: Array, far_m: Array, aside_m: Array) -> Pair
 class Truth:
     """True contacts of n pairs within their spans, seconds of A.
 
-    is_told : whether the contact is one interval, which begins or ends sharply at the instant of the pair
+    is_sharp_end : whether the contact is one interval, which begins or ends sharply at the instant of the pair
     must, may : whether it must be reported, or may be
     is_in : whether it is one in long double
     start_s, end_s : the contact, if it must
     depth_m : its depth, at least
     """
 
-    is_told: Array
+    is_sharp_end: Array
     must: Array
     may: Array
     is_in: Array
@@ -295,10 +295,10 @@ def truth(pairs: Pairs) -> Truth:
     near_s = np.where(sign < 0, np.minimum(turn_s, end), np.maximum(turn_s, start))
     starts = np.where(has_side, np.where(sign < 0, far_s, near_s), np.where(is_last, turn_s, start))
     ends = np.where(has_side, np.where(sign < 0, near_s, far_s), np.where(is_first, turn_s, end))
-    is_told = is_sharp & is_one & (~has_side | (np.abs(far_s - near_s) > 1e-5))
+    is_sharp_end = is_sharp & is_one & (~has_side | (np.abs(far_s - near_s) > 1e-5))
     # The search for the other end may find the one that is known.
-    is_told &= ~must | (starts < ends)
-    return Truth(is_told, must, may, now < 0, np.maximum(starts, start), np.minimum(ends, end), depth_m)
+    is_sharp_end &= ~must | (starts < ends)
+    return Truth(is_sharp_end, must, may, now < 0, np.maximum(starts, start), np.minimum(ends, end), depth_m)
 
 
 def _crossings(
@@ -362,7 +362,7 @@ def check(seed: int, n: int = 200) -> Count:
 def compared(pairs: Pairs, true: Truth, rows: dict[int, Conflict], seed: int) -> Count:
     total = Count()
     for k in range(len(pairs.role)):
-        if not true.is_told[k]:
+        if not true.is_sharp_end[k]:
             total.skipped += 1
             continue
         total.pairs += 1
@@ -376,7 +376,7 @@ def compared(pairs: Pairs, true: Truth, rows: dict[int, Conflict], seed: int) ->
         if problem:
             total.missed += row is None
             total.wrong += row is not None
-            total.told.append(f"seed {seed}, pair {k}, {pairs.kind}, {ROLES[pairs.role[k]]}: {problem}")
+            total.problems.append(f"seed {seed}, pair {k}, {pairs.kind}, {ROLES[pairs.role[k]]}: {problem}")
     return total
 
 
@@ -421,7 +421,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for seed in count(options.seed):
         one = check(seed)
         every[KINDS[(0, 0, 1, 1, 2)[seed % 5]]].add(one)
-        for line in one.told:
+        for line in one.problems:
             sys.stdout.write(f"  {line}\n")
         sys.stdout.flush()
         if sum(total.pairs for total in every.values()) >= options.pairs:
@@ -429,7 +429,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for kind, total in every.items():
         sys.stdout.write(f"{kind}: {total}\n")
     sys.stdout.write(f"{time.process_time() - began:.0f} s\n")
-    return int(any(total.told for total in every.values()))
+    return int(any(total.problems for total in every.values()))
 
 
 if __name__ == "__main__":

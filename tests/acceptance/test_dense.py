@@ -25,7 +25,7 @@ def test_no_sample_contradicts_an_answer(workload: Workload, scenes: int) -> Non
     total = dense.Count()
     for seed in range(SEED, SEED + scenes):
         total.add(dense.check(workload, seed, 120))
-    assert total.sampled.wrong == 0, total.sampled.told
+    assert total.sampled.wrong == 0, total.sampled.problems
     assert min(total.pairs, total.dismissed, total.conflicts, total.sampled.overlapping) > 1000
     assert total.unresolved == 0
 
@@ -55,9 +55,9 @@ def test_samples_tell_what_is_wrong(workload: Workload) -> None:
         (_shifted(found, "end_s", sooner[0], 0.5), 2),
         (Contacts.concatenate([found, made_up]), 2),
     ):
-        told = sampled(scene, pieces, pairs, answer, rng)
-        assert told.wrong > 0
-        assert all(KINDS[kind] in line for line in told.told)
+        sampled_pairs = sampled(scene, pieces, pairs, answer, rng)
+        assert sampled_pairs.wrong > 0
+        assert all(KINDS[kind] in line for line in sampled_pairs.problems)
 
 
 def _shifted(found: Contacts, name: str, row: int, by_s: float) -> Contacts:

@@ -51,7 +51,7 @@ def test_contacts_that_begin_or_end_at_ends_of_plans_are_right(scenes: int) -> N
     total = ends.Count()
     for seed in range(1, 1 + scenes):
         total.add(ends.check(seed, 30))
-    assert not total.told, "\n".join(total.told)
+    assert not total.problems, "\n".join(total.problems)
     assert total.pairs > 20 * scenes
 
 

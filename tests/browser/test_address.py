@@ -55,14 +55,14 @@ def test_back_reload_and_a_copied_link_show_it_again(open_strait: Open, open_pag
     said = page.locator(".what-if .said")
     expect(said).to_have_text("As planned: 3 conflicts.")
     page.get_by_role("slider", name="Departure").press("End")
-    told = said.text_content()
-    assert told is not None
-    assert told.startswith("Departs 10:15, 3 h later")
+    text = said.text_content()
+    assert text is not None
+    assert text.startswith("Departs 10:15, 3 h later")
     page.get_by_role("button", name="Copy link").click()
     expect(page.locator("#link")).to_have_text("Copied")
     link = page.evaluate("navigator.clipboard.readText()")
     other = open_page(link)
-    expect(other.locator(".what-if .said")).to_have_text(told)
+    expect(other.locator(".what-if .said")).to_have_text(text)
     assert rows(other) == rows(page)
     assert round(time_of(other)) == round(time_of(page))
 

@@ -142,7 +142,7 @@ def by_pair(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
     return found
 
 
-def told(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
+def by_keys(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
     """The rows by pair, without run and time of detection."""
     who = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None, "conflict_id": None}
     return by_pair([replace(one, **who, changed_at=None) for one in rows])
@@ -159,7 +159,7 @@ def store(request: pytest.FixtureRequest, dsn: str) -> Iterator[Store]:
 
 def test_what_was_written_is_read(store: Store) -> None:
     found = store.read()
-    assert told(found) == by_pair(ROWS)
+    assert by_keys(found) == by_pair(ROWS)
     assert all(one.is_current and one.scene_is_current for one in found)
     assert len({one.run_id for one in found}) == 1
 
@@ -189,7 +189,7 @@ def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
     after = by_pair(store.read())
     others = {pair: one for pair, one in before.items() if "B" not in pair}
     assert {pair: one for pair, one in after.items() if "B" not in pair} == others
-    assert told([one for pair, one in after.items() if "B" in pair]) == by_pair(changed)
+    assert by_keys([one for pair, one in after.items() if "B" in pair]) == by_pair(changed)
     assert all(one.is_current and one.scene_is_current for one in after.values())
     # A changed conflict keeps the time it was found; a near pair that becomes a conflict is found now.
     run_id = max(one.run_id or 0 for one in before.values())
@@ -212,4 +212,4 @@ def test_a_crash_leaves_the_rows_and_marks_there_were(store: Store) -> None:
     assert by_pair(store.read()) == before
     kept = [one for one in ROWS if "B" in (one.a_key, one.b_key)]
     assert store.write(answer(kept)) == (0, 0, 0)
-    assert told(store.read()) == by_pair(ROWS)
+    assert by_keys(store.read()) == by_pair(ROWS)

@@ -303,8 +303,8 @@ def test_null_keys_and_keys_twice_are_told(db: Database) -> None:
     db.scene("s").attach("area", "mission.zone", {"key": "upper(code)", "footprint": "shape", "name": "part::text"})
     db.scene("s").follow()
     assert keys(db) == ["B", "C"]
-    told = dict(reasons(db))
-    assert told == {
+    reason = dict(reasons(db))
+    assert reason == {
         "{a}": "key: 2 rows of the table have it",
         "{NULL}": "key: is null",
         "{c}": "key: another row of the table has it too",

@@ -371,10 +371,10 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
 
 
 def test_history_is_printed_and_conflicts_acknowledged(strait: Run) -> None:
-    told = strait("history", "FERRY", "DIVING")
+    outcome = strait("history", "FERRY", "DIVING")
     assert re.fullmatch(
         r"EVENT .* A NAME +B NAME\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00.*  Diving .*  Ferry\n",
-        told.out,
+        outcome.out,
     )
     events = strait("history", "--format", "json").json
     assert len(events) == len(EXPECTED)
@@ -420,9 +420,9 @@ def test_probe_says_what_a_plan_would_meet(strait: Run) -> None:
     assert {row["verdict"] for row in rows} == {"conflict"}
     path = ("--path", "LINESTRING(8.2 57.9, 9.2 58.1)", "--times", "2026-06-01T08:00Z, 2026-06-01T11:00Z")
     sizes = ("--haven", "500,500,300,300")
-    told = strait("probe", *path, *sizes, "--key", "SUB-1", "--fail-on-conflict")
-    assert (told.code, told.out.count("\n")) == (10, 2)
-    assert re.search(r"SUB-1 +CABLE +SUB-1 +conflict +2026-06-01 08:41:18", told.out)
+    outcome = strait("probe", *path, *sizes, "--key", "SUB-1", "--fail-on-conflict")
+    assert (outcome.code, outcome.out.count("\n")) == (10, 2)
+    assert re.search(r"SUB-1 +CABLE +SUB-1 +conflict +2026-06-01 08:41:18", outcome.out)
     assert strait("probe", *path, "--floor-m", "9000", "--fail-on-conflict").out == "no conflicts\n"
     # The plans of a file: here the scene itself, each object in its own place.
     whole = strait("probe", STRAIT, "--format", "json").json
@@ -619,16 +619,16 @@ def test_a_diff_names_what_is_gone_and_new(strait: Run, tmp_path: Path) -> None:
 
 
 def test_explain_says_why(strait: Run) -> None:
-    told = strait("explain", "FERRY", "DIVING")
-    assert told.code == 0
-    assert told.out.startswith(
+    outcome = strait("explain", "FERRY", "DIVING")
+    assert outcome.code == 0
+    assert outcome.out.startswith(
         '"DIVING" (area, "Diving on a wreck") and "FERRY" (track, "Ferry"): conflict\n'
         "  they meet\n  from 2026-06-01 09:00:00Z"
     )
     facts = strait("explain", "SUB-1", "SUB-2", "--format", "json").json
     assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
     assert [one["key"] for one in facts["delays"]] == ["SUB-1", "SUB-2"]
-    assert told.out.splitlines()[-2:] == [
+    assert outcome.out.splitlines()[-2:] == [
         "  if only one of these two departs at another time:",
         '    "FERRY" must leave 17 min 26 s earlier to clear "DIVING"; no later departure within 2 h does',
     ]
@@ -710,19 +710,19 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert (forbidden["by"], forbidden["is_proven"]) == (["DIVING", "FIRING", "TOW"], True)
     assert ferry["least_earlier_s"] == round(1e-6 - forbidden["from_s"], 6)
     assert found[3]["blocked_by"] == ["CABLE"]
-    told = run("delays", "--scene", "strait")
-    assert (told.code, told.err) == (0, "")
+    outcome = run("delays", "--scene", "strait")
+    assert (outcome.code, outcome.err) == (0, "")
     assert re.search(
         r"^TOW +conflict +2026-06-01 06:45 +06:57 \(12 min\) +06:37 \(8 min\) +Tug with .* line +FERRY \(Ferry\)$",
-        told.out,
+        outcome.out,
         re.MULTILINE,
     )
     assert re.search(
         r"^CONVOY-1 +free +2026-06-01 \S+ +0:00:29\.\d+ +First ship of a convoy +CONVOY-2 \(Second .* behind\)$",
-        told.out,
+        outcome.out,
         re.MULTILINE,
     )
-    assert told.out.splitlines()[-3:] == [
+    assert outcome.out.splitlines()[-3:] == [
         "SUB-1 (Submarine haven, deep): no departure within 2 h clears CABLE (Cable works on the sea bed)",
         "SUB-2 (Submarine haven, shallow): no departure within 2 h clears DIVING (Diving on a wreck)",
         "clear, no margin",

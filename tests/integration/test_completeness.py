@@ -198,9 +198,9 @@ def test_python_knows_whether_a_list_is_complete(dsn: str, change: Callable[[str
     with conflictdb.connect(dsn) as db:
         scene = db.load(STRAIT)
         for call in (scene.conflicts, scene.approaches):
-            with pytest.warns(IncompleteWarning, match="scene 'strait': never detected: 11 objects wait") as told:
+            with pytest.warns(IncompleteWarning, match="scene 'strait': never detected: 11 objects wait") as warned:
                 found: Any = call()
-            assert told[0].filename == __file__
+            assert warned[0].filename == __file__
             assert (found, found.is_current, found.state.pending) == ([], False, 11)
         with pytest.raises(NotCurrent, match="is not current after"):
             db.scene("strait").wait_until_current(timeout_s=0.1)

@@ -61,8 +61,8 @@ def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
             db.connection.execute("SELECT conflictdb.remove_object('strait', 'DIVING')")
         run = db.scene("strait").detect()
         known = db.scene("strait").conflicts_known_at(known_at)
-        told = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
-        for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at", "conflict_id", "opened_at"):
+        columns = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
+        for name in (*columns, "closest_m", "closest_error_m", "run_id", "found_at", "conflict_id", "opened_at"):
             assert [getattr(one, name) for one in known] == [getattr(one, name) for one in then]
         with pytest.raises(InvalidInput, match="is before the first detection of the scene"):
             db.scene("strait").conflicts_known_at(known_at - timedelta(days=1))
@@ -290,8 +290,8 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
                 conflictdb.write(rows, path)
             assert texts[0].read_bytes() == texts[1].read_bytes()
     conflictdb.write(found, tmp_path / "all.geojson")
-    told = json.loads((tmp_path / "all.geojson").read_text())
-    assert [(one["scene"], one["is_current"]) for one in told["scenes"]] == [("strait", True)]
+    written = json.loads((tmp_path / "all.geojson").read_text())
+    assert [(one["scene"], one["is_current"]) for one in written["scenes"]] == [("strait", True)]
 
 
 @draws("scenes", 12, 200)

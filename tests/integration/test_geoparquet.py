@@ -72,13 +72,13 @@ def test_a_scene_goes_out_and_comes_in_as_it_was(run: Run, tmp_path: Path) -> No
 def test_numbers_and_versions_are_those_of_the_database(run: Run, dsn: str, tmp_path: Path) -> None:
     run("load", STRAIT)
     assert run("export", "--scene", "strait", tmp_path / "strait.parquet").code == 0
-    told = pq.read_table(tmp_path / "strait.parquet", columns=["id", "kind", "object_id", "version"]).to_pylist()
+    stored = pq.read_table(tmp_path / "strait.parquet", columns=["id", "kind", "object_id", "version"]).to_pylist()
     with connect(dsn) as db:
         rows = db.connection.execute(
             "SELECT key, 'area', area_id, version FROM conflictdb.area"
             " UNION ALL SELECT key, 'track', track_id, version FROM conflictdb.track"
         ).fetchall()
-    assert sorted(tuple(row.values()) for row in told) == sorted(rows)
+    assert sorted(tuple(row.values()) for row in stored) == sorted(rows)
 
 
 def test_conflicts_go_out_with_where_they_are(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,8 +101,8 @@ def test_it_answers(address: str, dsn: str) -> None:
         db.scene("s").detect()
     status, known = asked(f"{scene}/conflicts")
     assert (status, known["is_current"], [one["b_key"] for one in known["conflicts"]]) == (200, True, ["new"])
-    status, told = asked(f"{scene}/events?after=0&most=10")
-    assert (status, [one["kind"] for one in told["events"]]) == (200, ["opened"])
+    status, answer = asked(f"{scene}/events?after=0&most=10")
+    assert (status, [one["kind"] for one in answer["events"]]) == (200, ["opened"])
     status, refused = asked(f"{scene}/admit", "POST", body(apart))
     assert (status, refused["error"].startswith("plan 'apart': key: ")) == (422, True)
     assert asked(f"{address}/scenes/none/conflicts")[0] == 404

@@ -484,9 +484,9 @@ def test_keys_too_long_for_a_notification_are_left_out(conn: Conn, dsn: str) -> 
         heard.execute("LISTEN conflictdb_alarm")
         put(conn, keys[0], 28, 18 / 60, 0)
         (pair,) = look(conn, 28)
-        told = [json.loads(one.payload) for one in heard.notifies(timeout=WAIT_S, stop_after=1)]
+        payloads = [json.loads(one.payload) for one in heard.notifies(timeout=WAIT_S, stop_after=1)]
     assert pair == keys
-    assert [(one["kind"], one["scene"], one["keys"]) for one in told] == [("begun", None, None)]
+    assert [(one["kind"], one["scene"], one["keys"]) for one in payloads] == [("begun", None, None)]
 
 
 def test_an_alarm_is_acknowledged_until_it_gets_worse(conn: Conn) -> None:

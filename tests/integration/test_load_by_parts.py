@@ -49,7 +49,7 @@ def many(count: int, more: Sequence[Area] = ()) -> list[Area]:
     return [*(area(f"A{i}", 9.0 + 1e-5 * i) for i in range(count)), *more]
 
 
-def told(dsn: str, query: str) -> list[Any]:
+def rows_of(dsn: str, query: str) -> list[Any]:
     with psycopg.connect(dsn) as conn:
         return conn.execute(query.encode()).fetchall()
 
@@ -101,12 +101,12 @@ def test_what_is_refused_in_the_last_part_leaves_all_as_it_was(
     for rule in rules:
         assert rule in refused.err, refused.err
     assert refused.err.count(str(path)) == len(rules) == refused.err.count("\n")
-    assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+    assert rows_of(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
     whole = path.read_bytes()
     for cut in (len(whole) // 2, len(whole) - 10):
         path.write_bytes(whole[:cut])
         assert "cannot be read as Parquet" in run("load", path).err
-    assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+    assert rows_of(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
 
 
 def test_a_file_without_objects_is_refused(run: Run, dsn: str, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_file_without_objects_is_refused(run: Run, dsn: str, tmp_path: Path) -
     for word in ((), ("--replace",)):
         done = run("load", tmp_path / "points.parquet", "--scene", "sea", *word)
         assert (done.code, "1 rows are Points" in done.err) == (4, True), done.err
-    assert told(dsn, "SELECT count(*) FROM conflictdb.area") == [(3,)]
+    assert rows_of(dsn, "SELECT count(*) FROM conflictdb.area") == [(3,)]
     assert run("load", path, "--replace").out == "sea: 0 added, 0 updated, 3 removed, 0 unchanged\n"
 
 
@@ -143,13 +143,13 @@ def test_great_circles_without_a_centre_get_the_middle_of_all(run: Run, dsn: str
     assert run("load", path).code == 0
     assert run("load", whole, "--scene", "whole", "--skip-invalid").code == 0
     (centre,), (other,) = (
-        told(dsn, f"SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = '{name}'")
+        rows_of(dsn, f"SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = '{name}'")
         for name in ("circles", "whole")
     )
     assert centre == other
     assert 9.0 < centre[0] < 9.2
     assert run("load", written(path, [area("B", 31.0)], scene=scene), "--replace").code == 0
-    assert told(dsn, "SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = 'circles'") == [centre]
+    assert rows_of(dsn, "SELECT centre_lon, centre_lat FROM conflictdb.scene WHERE name = 'circles'") == [centre]
 
 
 MEASURED = f"""
@@ -187,7 +187,7 @@ def test_new_objects_are_stored_in_parts_all_or_none(dsn: str) -> None:
         conn.commit()
         with pytest.raises(InvalidInput, match="area 'wide': footprint: must have at most 91 vertices; got 92"):
             store.replace_scene(conn, Scene("sea"), [*areas, wide], [], merge=True)
-        assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+        assert rows_of(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
         counts = store.replace_scene(
             conn, Scene("sea"), areas, [], merge=True, phase=lambda *phase: phases.append(phase)
         )
@@ -198,9 +198,9 @@ def test_new_objects_are_stored_in_parts_all_or_none(dsn: str) -> None:
     assert stored[0] == (0, 0)
     assert len(stored) > 1
     assert all(0 < done < of == 3_000 for done, of in stored[1:])
-    keys = [key for (key,) in told(dsn, "SELECT key FROM conflictdb.area ORDER BY area_id")]
+    keys = [key for (key,) in rows_of(dsn, "SELECT key FROM conflictdb.area ORDER BY area_id")]
     assert keys == [*(f"A{i:04}" for i in range(9)), "B"]
-    assert told(dsn, "SELECT count(*) FROM conflictdb.object_key") == [(10,)]
+    assert rows_of(dsn, "SELECT count(*) FROM conflictdb.object_key") == [(10,)]
 
 
 def test_new_rows_are_checked_together(dsn: str) -> None:

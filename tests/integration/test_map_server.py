@@ -248,8 +248,8 @@ def test_only_the_page_acknowledges(strait: Client, dsn: str) -> None:
         (b'{"a": "CABLE", "b": "SUB-1", "reason": "\xed\xa0\x80"}', 400),
         (b"\xff", 400),
     ]:
-        found, told, _ = strait.ask("POST", "/api/acknowledge", body, **good)
-        assert (found, list(json.loads(told))) == (status, ["error"]), str(body)[:80]
+        found, answer, _ = strait.ask("POST", "/api/acknowledge", body, **good)
+        assert (found, list(json.loads(answer))) == (status, ["error"]), str(body)[:80]
     assert reasons() == []
     assert strait.ask("POST", "/api/acknowledge", asked, **good)[0] == 200
     assert reasons() == [HOSTILE]

@@ -164,11 +164,11 @@ def test_what_a_refusal_of_rights_advises_is_a_command(
     run("admin", "protect")
     shared = run("admin", "share", "public", "--scene", "strait")
     assert shared.err == ""
-    told = user("conflictdb_editor").run("rename", "OTHER", "--scene", "strait")
-    assert told.err.count("\n") == 1
-    assert "CONTEXT" not in told.err
-    assert "(Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.)" in told.err
+    outcome = user("conflictdb_editor").run("rename", "OTHER", "--scene", "strait")
+    assert outcome.err.count("\n") == 1
+    assert "CONTEXT" not in outcome.err
+    assert "(Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.)" in outcome.err
     administrator.execute("SELECT conflictdb.protect_scenes(false)")
-    told = run("admin", "share", "public", "--scene", "strait")
-    assert told.err.endswith("(The owner of schema conflictdb may run `conflictdb admin protect`.)\n")
-    assert told.err.count("\n") == 1
+    outcome = run("admin", "share", "public", "--scene", "strait")
+    assert outcome.err.endswith("(The owner of schema conflictdb may run `conflictdb admin protect`.)\n")
+    assert outcome.err.count("\n") == 1

@@ -122,8 +122,8 @@ def test_pg_cron_asks_and_a_worker_does(server_dsn: str) -> None:
                     assert time.monotonic() < end
                     time.sleep(0.2)
                 assert all(run.error is None for run in runs)
-                told = conn.execute("SELECT DISTINCT status FROM cron.job_run_details WHERE end_time IS NOT NULL")
-                assert told.fetchall() == [("succeeded",)]
+                statuses = conn.execute("SELECT DISTINCT status FROM cron.job_run_details WHERE end_time IS NOT NULL")
+                assert statuses.fetchall() == [("succeeded",)]
         finally:
             worker.terminate()
             worker.wait(WAIT_S)

@@ -64,7 +64,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
     for directory in (tmp_path / "one", tmp_path / "two"):
         directory.mkdir()
     found = spark.found([of_strait], tmp_path / "one")
-    told = spark.run(commands)  # in the same session
+    outcomes = spark.run(commands)  # in the same session
     found |= spark.found([of_near], tmp_path / "two", "local-cluster[2,1,1024]")
     for job in (of_strait, of_near):
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)
@@ -73,7 +73,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
     # The command uses the settings of the file, and prints one line for each refusal.
-    refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty, projected = told
+    refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty, projected = outcomes
     said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty, projected
     assert all((code, text.count("\n")) == (4, 1) for code, text in said)
     assert refusal[1].startswith("conflictdb: area 'N': geometry: ")

@@ -147,19 +147,19 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, sp
         ),
     ]
     exported(tmp_path / "earlier" / "part-0.parquet", SCENE, both)
-    told = spark.run([*same, *(command for command, _ in refused)])
+    outcomes = spark.run([*same, *(command for command, _ in refused)])
 
     expected = answer_of_one_machine(SCENE, AREAS, TRACKS).to_pylist()
     assert [row["verdict"] for row in expected] == ["conflict"]
-    for command, (code, text) in zip(same, told, strict=False):
+    for command, (code, text) in zip(same, outcomes, strict=False):
         assert code == 0, (command, text)
         found = in_order(parquet.read_table(command[3])).to_pylist()
         assert found == expected, command
-    says_settings = [text for _, text in told[: len(same)]]
+    says_settings = [text for _, text in outcomes[: len(same)]]
     assert [bool(text) for text in says_settings] == [False] * 3 + [True]
     assert "does not say the settings of its scene: rhumb, wgs84, tolerance 1 m, separation 5000 m" in says_settings[3]
     assert "columns of the input look like times and are not read: valid_from" in says_settings[3]
-    for (command, said), (code, text) in zip(refused, told[len(same) :], strict=True):
+    for (command, said), (code, text) in zip(refused, outcomes[len(same) :], strict=True):
         assert (code, text.count("\n")) == (4, 1), (command, text)
         assert said in text
     assert (tmp_path / "earlier" / "part-0.parquet").exists()

@@ -105,7 +105,7 @@ def test_all_commands_work(secured: tuple[Path, int], capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"authority": "stranger"}, "certificate verify failed"),
         ({"host": "127.0.0.1"}, 'does not match host name "127.0.0.1"'),
@@ -113,11 +113,11 @@ def test_all_commands_work(secured: tuple[Path, int], capsys: pytest.CaptureFixt
     ],
 )
 def test_who_cannot_verify_is_told_why(
-    secured: tuple[Path, int], capsys: pytest.CaptureFixture[str], change: dict[str, str], told: str
+    secured: tuple[Path, int], capsys: pytest.CaptureFixture[str], change: dict[str, str], message: str
 ) -> None:
     done = runner(f"{verified(*secured, **change)} dbname=postgres", capsys)("status")
     assert (done.code, done.out) == (NO_SERVER, "")
-    assert told in done.err
+    assert message in done.err
 
 
 def test_without_tls_the_server_lets_nobody_in(secured: tuple[Path, int], capsys: pytest.CaptureFixture[str]) -> None:

@@ -320,9 +320,9 @@ def test_attach_says_what_is_wrong(run: Run, dsn: str, row: str | None, mapped: 
 def test_attach_in_python_warns_of_times_that_are_not_read(db: conflictdb.Database) -> None:
     db.connection.execute(ATTACHED)
     mapped = {"key": "id", "footprint": "shape"}
-    with pytest.warns(UserWarning, match="valid_from look like times and are not read") as told:
+    with pytest.warns(UserWarning, match="valid_from look like times and are not read") as warned:
         db.scene("strait").attach("area", "plan", mapped)
-    assert told[0].filename == __file__
+    assert warned[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         db.scene("strait").preview_attachment("area", "plan", {**mapped, "start": "valid_from"}, again=True)
@@ -341,8 +341,8 @@ def test_one_reason_of_many_left_out_objects_is_one_warning(dsn: str, tmp_path: 
         for i, end in enumerate(ends)
     ]
     (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area 'A1'") as told:
+    with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area 'A1'") as warned:
         db.load(tmp_path / "a.geojson", "s", skip_invalid=True)
-    said = [str(one.message) for one in told if "left out" in str(one.message)]
+    said = [str(one.message) for one in warned if "left out" in str(one.message)]
     assert len(said) == 1
     assert said[0].endswith("(and 4 more: 'A2', 'A3', 'A4', 'A5')")

@@ -115,10 +115,10 @@ def solves_a_scene(wheel: Path, tmp_path: Path) -> Path:
     )
     assert (done.stdout, done.stderr) == ("1 CONFLICT\n", "")
     version = [str(venv / "bin/conflictdb"), "--version"]
-    told = subprocess.run(
+    printed = subprocess.run(
         version, env=environ, cwd=tmp_path, capture_output=True, text=True, timeout=WAIT_S, check=True
     )
-    assert told.stdout.split() == ["conflictdb", wheel.name.split("-")[1]]
+    assert printed.stdout.split() == ["conflictdb", wheel.name.split("-")[1]]
     return venv
 
 

@@ -60,5 +60,5 @@ def test_without_pyarrow_every_command_that_needs_it_names_the_extra(dsn: str, t
         cwd=tmp_path,
     )
     for (command, _, remedy), done in zip(cases, json.loads(found.stdout), strict=True):
-        told = f"conflictdb: Arrow and Parquet need pyarrow: {remedy}"
-        assert done == [1, [told]], command
+        message = f"conflictdb: Arrow and Parquet need pyarrow: {remedy}"
+        assert done == [1, [message]], command

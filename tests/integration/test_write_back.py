@@ -58,8 +58,8 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
     table = pq.read_table(objects).sort_by([("kind", "ascending"), ("id", "ascending")])
     areas, tracks = to_objects(table)
     (area_ids, track_ids), versions = (np.split(table[of].to_numpy(), [len(areas)]) for of in ("object_id", "version"))
-    told = table.select(["kind", "object_id", "id"]).to_pylist()
-    keys = {(row["kind"] == "track", row["object_id"]): row["id"] for row in told}
+    plans = table.select(["kind", "object_id", "id"]).to_pylist()
+    keys = {(row["kind"] == "track", row["object_id"]): row["id"] for row in plans}
     setup = Setup.of(scene)
     of_areas = replace(AreaBatch.of(areas), area_id=area_ids, version=versions[0])
     of_tracks = replace(TrackBatch.of(tracks), track_id=track_ids, version=versions[1])
@@ -97,7 +97,7 @@ def strait(run: Run, tmp_path: Path) -> Path:
     return computed(tmp_path / "strait.parquet", tmp_path / "conflicts.parquet", scene)
 
 
-def told(conn: psycopg.Connection[Any], query: str) -> list[Any]:
+def rows_of(conn: psycopg.Connection[Any], query: str) -> list[Any]:
     with conn.transaction():
         return conn.execute(query.encode()).fetchall()
 
@@ -107,7 +107,7 @@ def test_what_is_written_back_is_what_detect_finds(run: Run, conn: psycopg.Conne
     done = run("spark", "write-back", "--scene", "strait", strait)
     assert (done.code, done.err) == (0, "")
     assert "opened, 0 changed, 0 closed" in done.out
-    assert told(conn, "SELECT scene_is_current FROM conflictdb.conflicts GROUP BY 1") == [(True,)]
+    assert rows_of(conn, "SELECT scene_is_current FROM conflictdb.conflicts GROUP BY 1") == [(True,)]
     found = known(run, "strait")
     run("detect", STRAIT, "--scene", "copy")
     expected = known(run, "copy")
@@ -115,10 +115,10 @@ def test_what_is_written_back_is_what_detect_finds(run: Run, conn: psycopg.Conne
         assert [row[name] for row in found] == [row[name] for row in expected], name
     assert len(found) > 3
     assert "0 opened, 0 changed, 0 closed" in run("spark", "write-back", "--scene", "strait", strait).out
-    events = told(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'")
+    events = rows_of(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'")
     run("detect", "--scene", "strait", "--full")
-    assert told(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'") == events == [(0,)]
-    assert told(conn, "SELECT settings ->> 'is_written_back' FROM conflictdb.run ORDER BY run_id LIMIT 1") == [
+    assert rows_of(conn, "SELECT count(*) FROM conflictdb.conflict_event WHERE kind <> 'opened'") == events == [(0,)]
+    assert rows_of(conn, "SELECT settings ->> 'is_written_back' FROM conflictdb.run ORDER BY run_id LIMIT 1") == [
         ("true",)
     ]
 
@@ -126,7 +126,7 @@ def test_what_is_written_back_is_what_detect_finds(run: Run, conn: psycopg.Conne
 def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
     """Nothing is written about a moved, a new and a removed object; the rest is written."""
     with conn.transaction():
-        moved, gone = (key for (key,) in told(conn, "SELECT key FROM conflictdb.track ORDER BY key LIMIT 2"))
+        moved, gone = (key for (key,) in rows_of(conn, "SELECT key FROM conflictdb.track ORDER BY key LIMIT 2"))
         conn.execute("UPDATE conflictdb.track SET grow_mps = 0.5 WHERE key = %s", [moved])
         conn.execute("DELETE FROM conflictdb.track WHERE key = %s", [gone])
         conn.execute(
@@ -139,7 +139,7 @@ def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connec
     keys = {row[name] for row in known(run, "strait") for name in ("a_key", "b_key")}
     assert keys
     assert not keys & {moved, gone, "NEW"}
-    waiting = told(conn, "SELECT DISTINCT object_kind, object_id FROM conflictdb.change WHERE NOT is_covered")
+    waiting = rows_of(conn, "SELECT DISTINCT object_kind, object_id FROM conflictdb.change WHERE NOT is_covered")
     assert len(waiting) == 3
     run("detect", "--scene", "strait")
     found = known(run, "strait")
@@ -178,14 +178,14 @@ def test_what_was_computed_of_a_part_of_a_scene_hides_nothing(
     done = run("spark", "write-back", "--scene", "strait", computed(whole, tmp_path / "part", scene))
     assert done.code == 0
     assert "1 objects are not what was computed" in done.err
-    assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(1, False)]
+    assert rows_of(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(1, False)]
     run("detect", "--scene", "strait")
     found = known(run, "strait")
     run("detect", "--scene", "strait", "--full")
     assert found == known(run, "strait")
     # If no object of the file waits, all of its pairs are known: no other object waits either.
     assert run("spark", "write-back", "--scene", "strait", tmp_path / "part").code == 0
-    assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(0, True)]
+    assert rows_of(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(0, True)]
 
 
 def moved(table: pa.Table, key: str) -> pa.Table:
@@ -239,7 +239,7 @@ def test_objects_that_were_edited_in_the_file_wait_for_a_detection(
     done = run("spark", "write-back", "--scene", "strait", computed(file, tmp_path / "found", scene))
     assert done.code == 0
     assert "objects are not what was computed" in done.err
-    waiting = told(
+    waiting = rows_of(
         conn,
         "SELECT key FROM (SELECT scene_id, 0 AS kind, area_id AS id, key FROM conflictdb.area UNION ALL"
         " SELECT scene_id, 1, track_id, key FROM conflictdb.track) o JOIN conflictdb.change c"
@@ -283,7 +283,7 @@ def test_versions_that_come_again_are_not_trusted(run: Run, conn: psycopg.Connec
     scene, objects = read(file).scene, pq.read_table(file)
     assert scene is not None
     move = "UPDATE conflictdb.track SET path = ST_Translate(path, 0.0, 0.02) WHERE key = 'FERRY' RETURNING version"
-    ((version,),) = told(conn, move)
+    ((version,),) = rows_of(conn, move)
     pq.write_table(given(objects, "FERRY", version=version), file)
     done = run("spark", "write-back", "--scene", "strait", computed(file, tmp_path / "found", scene))
     assert done.code == 0
@@ -366,7 +366,7 @@ def test_what_would_be_untrue_is_refused(run: Run, conn: psycopg.Connection[Any]
     pq.write_table(found.slice(1), part)
     assert f"holds {len(found) - 1} pairs of the {len(found)} that were found" in refuse(run, strait)
     pq.write_table(found, part)
-    assert told(conn, "SELECT count(*) FROM conflictdb.run") == [(0,)]
-    assert told(conn, "SELECT count(*) FROM conflictdb.conflict") == [(0,)]
-    assert told(conn, "SELECT count(*) FROM conflictdb.change WHERE is_covered") == [(0,)]
+    assert rows_of(conn, "SELECT count(*) FROM conflictdb.run") == [(0,)]
+    assert rows_of(conn, "SELECT count(*) FROM conflictdb.conflict") == [(0,)]
+    assert rows_of(conn, "SELECT count(*) FROM conflictdb.change WHERE is_covered") == [(0,)]
     assert run("spark", "write-back", "--scene", "strait", strait).code == 0

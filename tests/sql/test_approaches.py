@@ -94,9 +94,9 @@ def test_what_comes_and_goes_between_near_and_conflict_is_counted_as_conflicts_a
         listener.execute("LISTEN conflictdb")
         store.replace_scene(conn, scene, [BOX], [replace(THROUGH, key="under")], merge=False)
         run = detect(conn, "t", jobs=1)
-        told = next(listener.notifies(timeout=WAIT_S, stop_after=1))
+        notification = next(listener.notifies(timeout=WAIT_S, stop_after=1))
     assert (run.opened, run.changed, run.closed, run.conflicts) == (1, 0, 0, 1)
-    assert json.loads(told.payload) == {"scene": "t", "run": run.run_id, "opened": 1, "changed": 0, "closed": 0}
+    assert json.loads(notification.payload) == {"scene": "t", "run": run.run_id, "opened": 1, "changed": 0, "closed": 0}
     (conflict,) = store.conflicts(conn, "t")
     assert conflict.found_at > first.found_at
     store.replace_scene(conn, scene, [BOX], [UNDER], merge=False)

@@ -192,13 +192,13 @@ def test_detections_prune_by_the_policy_of_the_scene_else_of_the_server(
 
 
 def test_a_setting_that_is_no_interval_is_told_and_no_detection_fails_of_it(scene: Conn) -> None:
-    told: list[str] = []
-    scene.add_notice_handler(lambda notice: told.append(str(notice.message_primary)))
+    notices: list[str] = []
+    scene.add_notice_handler(lambda notice: notices.append(str(notice.message_primary)))
     scene.execute("SELECT set_config('conflictdb.history_kept', 'a while', false)")
     scene.execute("UPDATE conflictdb.history SET pruned_at = '2020-01-01'")
     scene.commit()
     run(scene, full=True)
-    assert told == ["conflictdb.history_kept: must be an interval, such as 30 days; got 'a while'; taken as 30 days"]
+    assert notices == ["conflictdb.history_kept: must be an interval, such as 30 days; got 'a while'; taken as 30 days"]
 
 
 def test_an_acknowledgement_holds_while_the_conflict_is_no_more_than_that(scene: Conn) -> None:
@@ -352,9 +352,9 @@ def test_listeners_are_told_the_keys_in_parts_that_fit(conn: Conn, dsn: str, nam
         heard = list(takewhile(lambda one: one.channel == "conflictdb_event", listener.notifies(timeout=WAIT_S)))
     assert opened == 62 * 61 / 2
     assert max(len(one.payload.encode()) for one in heard) < 8000
-    told = [json.loads(one.payload) for one in heard]
-    assert {(one["scene"], one["kind"]) for one in told} == {(name, "opened")}
-    events = {event[0]: tuple(event[1:]) for one in told for event in one["events"]}
+    payloads = [json.loads(one.payload) for one in heard]
+    assert {(one["scene"], one["kind"]) for one in payloads} == {(name, "opened")}
+    events = {event[0]: tuple(event[1:]) for one in payloads for event in one["events"]}
     known = rows(conn, "SELECT event, a_key, b_key FROM conflictdb.conflict_events")
     assert len(known) == len(events) == opened
     assert all(events[event] in ((a_key, b_key), ()) for event, a_key, b_key in known)

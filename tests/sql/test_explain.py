@@ -62,9 +62,9 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
     assert (facts["closest"] is not None) == (verdict in ("conflict", "near"))
     conn.rollback()
     with connect(conn) as db:
-        told = db.scene("s").explain("X", "T")
-    assert (told.facts["closest"] is None) == (by in ("time", "height"))
-    assert told.facts["are_never_together"] == (told.facts["closest"] is None)
+        explanation = db.scene("s").explain("X", "T")
+    assert (explanation.facts["closest"] is None) == (by in ("time", "height"))
+    assert explanation.facts["are_never_together"] == (explanation.facts["closest"] is None)
     # The database does not store which pairs were decided in closed form: Python solves the pair again.
     closed, of = CLOSED.get(case, (0, 0))
     decided = {"stage": 3 if closed == of > 0 and verdict != "near" else stage, "by": by}
@@ -72,20 +72,22 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
         facts["stages"][2]["says"] = f"{closed} of {of} pairs of pieces decided in closed form"
         facts["stages"][3]["says"] = verdict if decided["stage"] == 4 else "not asked: nothing was left"
     each = delays(tracks, areas, Scene("s", tolerance_m=0.001))
-    assert told.facts == facts | {
+    assert explanation.facts == facts | {
         "delays": [one.as_json() for one in each],
-        "closest": told.facts["closest"],
-        "are_never_together": told.facts["closest"] is None,
+        "closest": explanation.facts["closest"],
+        "are_never_together": explanation.facts["closest"] is None,
         "decided_by": decided,
     }
-    assert told.text.splitlines()[-len(each) - 1] == "  if only one of these two departs at another time:"
-    assert f"decided by stage {decided['stage']}: {by}" in told.text
-    assert ("closest: never there at the same time and height" in told.text) == (told.facts["closest"] is None)
+    assert explanation.text.splitlines()[-len(each) - 1] == "  if only one of these two departs at another time:"
+    assert f"decided by stage {decided['stage']}: {by}" in explanation.text
+    assert ("closest: never there at the same time and height" in explanation.text) == (
+        explanation.facts["closest"] is None
+    )
     if case == "elsewhere":
         # From 500 m ahead of the equator's track to 2 degrees north: the track's side is 200 m north of the equator.
-        assert told.facts["closest"]["m"] == pytest.approx(221_149.4 - 200.0, abs=1.0)
-        assert told.facts["closest"]["error_m"] < 0.001
-        assert "closest: 220949." in told.text
+        assert explanation.facts["closest"]["m"] == pytest.approx(221_149.4 - 200.0, abs=1.0)
+        assert explanation.facts["closest"]["error_m"] < 0.001
+        assert "closest: 220949." in explanation.text
     conn.execute("UPDATE conflictdb.track SET ceiling_m = 39 WHERE key = 'T'")
     after = explained(conn, "T", "X")
     assert (after["is_current"], after["waiting"].startswith('"T" changed')) == (False, True)
@@ -133,11 +135,11 @@ def test_hostile_keys_and_sessions_change_nothing(conn: Conn) -> None:
     plain = conn.execute(say, [HOSTILE]).fetchone()
     conn.execute("SET DateStyle = 'SQL, DMY'; SET TimeZone = 'Asia/Kolkata'; SET IntervalStyle = 'iso_8601'")
     conn.execute("SET extra_float_digits = -10")
-    told = conn.execute(say, [HOSTILE]).fetchone()
-    assert told is not None
-    assert told == plain
-    assert "\x1b" not in told[0]
-    assert told[0].splitlines()[0].endswith('(area) and "T" (track): conflict')
+    explanation = conn.execute(say, [HOSTILE]).fetchone()
+    assert explanation is not None
+    assert explanation == plain
+    assert "\x1b" not in explanation[0]
+    assert explanation[0].splitlines()[0].endswith('(area) and "T" (track): conflict')
 
 
 def test_a_row_of_an_attached_table_that_waits_makes_it_unknown(conn: Conn) -> None:
@@ -194,23 +196,26 @@ def test_pairs_with_rules_are_explained_with_their_own_separations(conn: Conn) -
     conn.commit()
     with connect(conn) as db:
         found = {(one.a_key, one.b_key) for one in db.scene("s").conflicts()}
-        told = {name: db.scene("s").explain(f"{name} a", f"{name} b") for name in pairs}
-    for name, one in told.items():
+        explanations = {name: db.scene("s").explain(f"{name} a", f"{name} b") for name in pairs}
+    for name, one in explanations.items():
         assert ((f"{name} a", f"{name} b") in found) == (one.facts["verdict"] == "conflict"), name
         rule = None if name in ("none", "mine") else f'of "{name}" with "{name}"'
         assert (one.facts["rule"] or {}).get("text") == rule
         assert ("  rule " in one.text) == (rule is not None)
         assert ("never there at the same time" in one.text) == (name == "low"), name
     assert found == {(f"{name} a", f"{name} b") for name in ("wide", "high", "late")}
-    assert "  they come closer than the required 800 m\n" in told["wide"].text
-    assert '  rule of "wide" with "wide": separation 800 m\n' in told["wide"].text
-    assert told["narrow"].facts["decided_by"]["stage"] in (1, 2, 4)
-    assert "  they come closer than the required 100 m\n" in told["high"].text
-    assert "vertical 300 m" in told["high"].text
-    assert "  one is between 0 and 50 m, the other between 200 and 250 m: 100 m or more apart\n" in told["low"].text
-    assert "10 min are required" in told["late"].text
-    assert told["early"].facts["verdict"] == "apart"
-    assert '  not compared: the rule of "escort" with "escort" allows it\n' in told["escort"].text
-    assert '  not compared: both are of owner "me"\n' in told["mine"].text
+    assert "  they come closer than the required 800 m\n" in explanations["wide"].text
+    assert '  rule of "wide" with "wide": separation 800 m\n' in explanations["wide"].text
+    assert explanations["narrow"].facts["decided_by"]["stage"] in (1, 2, 4)
+    assert "  they come closer than the required 100 m\n" in explanations["high"].text
+    assert "vertical 300 m" in explanations["high"].text
+    assert (
+        "  one is between 0 and 50 m, the other between 200 and 250 m: 100 m or more apart\n"
+        in explanations["low"].text
+    )
+    assert "10 min are required" in explanations["late"].text
+    assert explanations["early"].facts["verdict"] == "apart"
+    assert '  not compared: the rule of "escort" with "escort" allows it\n' in explanations["escort"].text
+    assert '  not compared: both are of owner "me"\n' in explanations["mine"].text
     for name in ("escort", "mine", "none"):
-        assert told[name].facts["closest"]["m"] == pytest.approx(595.2, abs=1.0)
+        assert explanations[name].facts["closest"]["m"] == pytest.approx(595.2, abs=1.0)

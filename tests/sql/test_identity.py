@@ -98,26 +98,26 @@ def test_pieces_are_not_inherited(conn: Conn, numbers: dict[str, int], scene: st
 
 def test_conflicts_keep_their_keys_until_they_are_computed_anew(conn: Conn, numbers: dict[str, int]) -> None:
     pass_on(conn, numbers["one B"], "one", "NEW", 0.5)
-    told = "SELECT a_key, b_key, is_current, found_at FROM conflicts WHERE scene = 'one'"
-    ((*before, found_at),) = conn.execute(told.encode()).fetchall()
+    query = "SELECT a_key, b_key, is_current, found_at FROM conflicts WHERE scene = 'one'"
+    ((*before, found_at),) = conn.execute(query.encode()).fetchall()
     assert before == ["A", "B", False]
     conn.commit()
     run = detect(conn, "one", jobs=1)
     assert (run.opened, run.changed, run.closed) == (1, 0, 1)
-    ((*after, found_anew_at),) = conn.execute(told.encode()).fetchall()
+    ((*after, found_anew_at),) = conn.execute(query.encode()).fetchall()
     assert after == ["A", "NEW", True]
     assert found_anew_at > found_at
 
 
 def test_an_object_that_changes_keeps_what_was_found_of_it(conn: Conn, numbers: dict[str, int]) -> None:
-    told = "SELECT a_key, b_key, found_at FROM conflicts WHERE scene = 'one'"
-    before = conn.execute(told.encode()).fetchall()
+    query = "SELECT a_key, b_key, found_at FROM conflicts WHERE scene = 'one'"
+    before = conn.execute(query.encode()).fetchall()
     put(conn, "one", "B", 0.6)
     assert pairs(conn, "candidates('one')") == [("A", "B")]
     conn.commit()
     run = detect(conn, "one", jobs=1)
     assert (run.opened, run.closed) == (0, 0)
-    assert conn.execute(told.encode()).fetchall() == before
+    assert conn.execute(query.encode()).fetchall() == before
 
 
 @pytest.mark.parametrize("order", [("one", "two"), ("two", "one")])

@@ -50,7 +50,7 @@ def crossing() -> tuple[list[Area], list[Track]]:
     return areas, tracks
 
 
-def told(conn: Conn, query: str, scene: str) -> list[tuple[Any, ...]]:
+def rows_of(conn: Conn, query: str, scene: str) -> list[tuple[Any, ...]]:
     return conn.execute(query.encode(), [scene]).fetchall()
 
 
@@ -68,10 +68,10 @@ def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatc
             heard[name] = [json.loads(n.payload) for n in one]
     assert runs["copied"] == runs["stated"]
     for query in (ROWS, NEAR, EVENTS):
-        rows = told(conn, query, "copied")
-        assert rows == told(conn, query, "stated")
+        rows = rows_of(conn, query, "copied")
+        assert rows == rows_of(conn, query, "stated")
         assert len(rows) > 10
-    assert len(told(conn, NEAR, "copied")) > len(told(conn, ROWS, "copied"))
+    assert len(rows_of(conn, NEAR, "copied")) > len(rows_of(conn, ROWS, "copied"))
     numbers: dict[str, list[tuple[Any, ...]]] = {}
     for name, payloads in heard.items():
         assert {(n["scene"], n["kind"]) for n in payloads} == {(name, "opened")}
@@ -119,4 +119,4 @@ def test_workers_of_protected_scenes_write_by_the_statement(conn: Conn, monkeypa
     conn.execute("RESET ROLE")
     assert run.opened > 0
     for query in (ROWS, EVENTS):
-        assert told(conn, query, "protected") == told(conn, query, "bare")
+        assert rows_of(conn, query, "protected") == rows_of(conn, query, "bare")

@@ -428,15 +428,15 @@ def test_notifications_name_nothing(protected: Conn, stage: Stage) -> None:
             conn.execute("SELECT conflictdb.put_area('other', 'B', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))')")
         with acting(conn, stage.worker):
             run = detect.detect(conn, "other", jobs=1)
-        told = {n.channel: n.payload for n in conn.notifies(timeout=0.1)}
+        payloads = {n.channel: n.payload for n in conn.notifies(timeout=0.1)}
         with acting(conn, stage.alice):
             (event,) = one(conn, "SELECT event FROM conflictdb.conflict_events WHERE scene = 'other'")
             conn.execute("DELETE FROM conflictdb.scene WHERE name = 'other'")
-    assert told["conflictdb_request"] == ""
-    assert json.loads(told["conflictdb_event"]) == {
+    assert payloads["conflictdb_request"] == ""
+    assert json.loads(payloads["conflictdb_event"]) == {
         "scene": None, "run": run.run_id, "kind": "opened", "events": [[event]],
     }  # fmt: skip
-    assert json.loads(told["conflictdb"])["scene"] is None
+    assert json.loads(payloads["conflictdb"])["scene"] is None
 
 
 def test_every_table_of_scenes_is_protected(protected: Conn) -> None:

@@ -78,11 +78,11 @@ def test_a_span_that_is_null_is_all_time(conn: Conn, motion: Motion) -> None:
 def test_who_asks_for_an_object_that_is_not_there_is_told(conn: Conn, key: str) -> None:
     load(conn, Scene("s"), [AREA, OTHER], [])
     detect(conn, "s", jobs=1)
-    told: list[str | None] = []
-    conn.add_notice_handler(lambda notice: told.append(notice.message_primary))
+    notices: list[str | None] = []
+    conn.add_notice_handler(lambda notice: notices.append(notice.message_primary))
     for question in ("conflicts_of", "approaches_of"):
         assert len(conn.execute(f"SELECT * FROM conflictdb.{question}('s', 'A')".encode()).fetchall()) == 1
-        assert told == []
+        assert notices == []
         assert conn.execute(f"SELECT * FROM conflictdb.{question}('s', {key})".encode()).fetchall() == []
-        assert told == [f"scene 's': holds no object {key}"]
-        told.clear()
+        assert notices == [f"scene 's': holds no object {key}"]
+        notices.clear()

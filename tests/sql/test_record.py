@@ -38,8 +38,8 @@ def of_view(conn: psycopg.Connection[Any], view: str) -> list[tuple[str, str, st
 def test_views_have_the_columns_of_the_record(
     conn: psycopg.Connection[Any], view: str, columns: tuple[Column, ...]
 ) -> None:
-    told = [(name, kind) for name, kind, _ in of_view(conn, view)]
-    assert told == [(one.name, TYPES[one.type]) for one in columns]
+    typed = [(name, kind) for name, kind, _ in of_view(conn, view)]
+    assert typed == [(one.name, TYPES[one.type]) for one in columns]
 
 
 def test_comments_begin_with_the_sentence_of_the_record(conn: psycopg.Connection[Any]) -> None:
@@ -66,9 +66,9 @@ def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
             assert given == {
                 (one.a_key, one.b_key): (one.first_contact_lon_deg, one.first_contact_lat_deg) for one in found
             }
-            told = [one.first_contact_deg or (None, None) for one in found]
-            assert [given[one.a_key, one.b_key] for one in found] == told
-            assert any(lon is not None for lon, _ in told) == (method == "exact")
+            places = [one.first_contact_deg or (None, None) for one in found]
+            assert [given[one.a_key, one.b_key] for one in found] == places
+            assert any(lon is not None for lon, _ in places) == (method == "exact")
 
 
 def test_names_are_those_of_the_objects_now(dsn: str) -> None:

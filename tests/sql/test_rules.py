@@ -56,8 +56,8 @@ def test_detections_find_what_solve_finds_after_every_change(dsn: str, few: int)
 
 def explained(conn: Conn, *keys: str) -> dict[str, Any]:
     with conn.transaction():
-        (told,) = conn.execute("SELECT conflictdb.explain_conflict('s', %s, %s)", keys).fetchone() or ({},)
-    return dict(told)
+        (explanation,) = conn.execute("SELECT conflictdb.explain_conflict('s', %s, %s)", keys).fetchone() or ({},)
+    return dict(explanation)
 
 
 def ruled(conn: Conn, *rules: tuple[Any, ...]) -> None:
@@ -195,12 +195,12 @@ def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
         found = db.scene("s").conflicts()
         drones = {one.key for one in tracks if one.object_class == "drone"}
         one = next(one for one in found if len({one.a_key, one.b_key} & drones) == 1)
-        told = explained(db.connection, one.a_key, one.b_key)
-        assert told["rule"]["text"] == 'of "drone" with "ferry"'
-        assert told["rule"]["yields"] == next(iter({one.a_key, one.b_key} & drones))
+        explanation = explained(db.connection, one.a_key, one.b_key)
+        assert explanation["rule"]["text"] == 'of "drone" with "ferry"'
+        assert explanation["rule"]["yields"] == next(iter({one.a_key, one.b_key} & drones))
         ferries = [one.key for one in tracks if one.object_class == "ferry"][:2]
-        told = explained(db.connection, *ferries)
-        assert (told["verdict"], told["decided_by"]["by"]) == ("apart", "rule")
+        explanation = explained(db.connection, *ferries)
+        assert (explanation["verdict"], explanation["decided_by"]["by"]) == ("apart", "rule")
         assert not any({one.a_key, one.b_key}.isdisjoint(drones) for one in found)
         # A rule that fits in both orders does not choose.
         with db.connection.transaction():
@@ -231,8 +231,12 @@ def test_two_rules_of_areas_both_apply_to_two_areas(dsn: str) -> None:
         db.scene("s").detect()
         assert verdicts(db.scene("s").conflicts()) == expected
         pair = next(pair for pair in expected if {class_of[key] for key in pair} == {"ferry", "submarine"})
-        told = explained(db.connection, *pair)["rule"]
-        assert (told["text"], told["separation_m"], told["vertical_m"]) == ('of "submarine" with "area"', 900.0, 40.0)
+        explanation = explained(db.connection, *pair)["rule"]
+        assert (explanation["text"], explanation["separation_m"], explanation["vertical_m"]) == (
+            'of "submarine" with "area"',
+            900.0,
+            40.0,
+        )
         pair = next(pair for pair in expected if {class_of[key] for key in pair} == {"escort", "submarine"})
         assert explained(db.connection, *pair)["rule"]["separation_m"] == 900.0
 

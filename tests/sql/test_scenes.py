@@ -31,7 +31,7 @@ def state(conn: Conn) -> tuple[Any, ...]:
 
 
 @pytest.fixture
-def told(conn: Conn) -> list[str]:
+def warned(conn: Conn) -> list[str]:
     """Return a list that collects the notices of the session."""
     messages: list[str] = []
     conn.add_notice_handler(lambda diagnostic: messages.append(str(diagnostic.message_primary)))
@@ -118,17 +118,17 @@ QUESTIONS = (
 
 
 @pytest.mark.parametrize("motion", list(Motion))
-def test_who_asks_is_told_once_that_the_answer_may_not_be_complete(conn: Conn, told: list[str], motion: Motion) -> None:
+def test_an_answer_that_may_not_be_complete_has_one_warning(conn: Conn, warned: list[str], motion: Motion) -> None:
     """Also for an empty answer, and for any query."""
 
     def ask() -> set[str]:
         heard = set()
         for question in QUESTIONS:
             for columns in ("*", "count(*)"):
-                told.clear()
+                warned.clear()
                 conn.execute(f"SELECT {columns} FROM conflictdb.{question}".encode())
-                assert len(told) <= 1
-                heard.add("".join(told))
+                assert len(warned) <= 1
+                heard.add("".join(warned))
         return heard
 
     load(conn, Scene("s", motion), AREAS, [])

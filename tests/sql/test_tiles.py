@@ -235,8 +235,8 @@ def test_one_tile_of_a_large_scene_reads_few_rows(conn: Conn) -> None:
     conn.execute("SET client_min_messages = log")
     plans: list[dict[str, Any]] = []
 
-    def keep(told: psycopg.errors.Diagnostic) -> None:
-        _, _, text = (told.message_primary or "").partition("plan:\n")
+    def keep(notice: psycopg.errors.Diagnostic) -> None:
+        _, _, text = (notice.message_primary or "").partition("plan:\n")
         if text:
             plans.append(json.loads(text)["Plan"])
 

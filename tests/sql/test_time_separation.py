@@ -51,10 +51,10 @@ def found(conn: Conn) -> list[Conflict]:
 def same(stored: list[Conflict], solved: list[Conflict]) -> bool:
     """Whether two lists tell the same of their pairs."""
 
-    def told(one: Conflict) -> tuple[object, ...]:
+    def compared(one: Conflict) -> tuple[object, ...]:
         return one.a_key, one.b_key, one.verdict, one.periods, one.time_error_s, one.lacking_s, one.first_contact_deg
 
-    return list(map(told, stored)) == list(map(told, solved))
+    return list(map(compared, stored)) == list(map(compared, solved))
 
 
 def test_it_stays_with_the_scene_and_recomputes_it(conn: Conn) -> None:
@@ -149,19 +149,19 @@ def test_explanations_say_how_late_it_is(conn: Conn) -> None:
     detect(conn, "s")
     [row] = found(conn)
     with connect(conn) as db:
-        told = db.scene("s").explain("FERRY", "LATE")
+        explanation = db.scene("s").explain("FERRY", "LATE")
         gone = db.scene("s").explain("ZONE", "FERRY")
-    assert told.facts["lacking_s"] == row.lacking_s
+    assert explanation.facts["lacking_s"] == row.lacking_s
     late_s = 300.0 - (row.lacking_s or 0.0)
     assert (
-        told.facts["why"]
+        explanation.facts["why"]
         == f"one uses a place {int(late_s // 60)} min {late_s % 60:g} s after the other; 5 min are required"
     )
-    assert told.facts["are_never_together"]
-    assert "closest: never there at the same time and height" in told.text
+    assert explanation.facts["are_never_together"]
+    assert "closest: never there at the same time and height" in explanation.text
     assert gone.facts["decided_by"] == {"stage": 1, "by": "time"}
     assert gone.facts["why"].endswith(": 5 min or more apart")
-    assert told.facts["settings"]["time_separation_s"] == 300.0
+    assert explanation.facts["settings"]["time_separation_s"] == 300.0
 
 
 def test_delays_are_those_of_a_wider_conflict(conn: Conn) -> None:
@@ -185,9 +185,9 @@ def test_delays_are_those_of_a_wider_conflict(conn: Conn) -> None:
 def test_other_values_are_refused(conn: Conn, value: str) -> None:
     with pytest.raises(
         psycopg.Error, match="time_separation_s: must be whole microseconds, 0 to 2592000 seconds"
-    ) as told:
+    ) as refused:
         conn.execute(f"SELECT conflictdb.create_scene('s', p_time_separation_s => {value})".encode())
-    assert told.value.sqlstate == "ZC009"
+    assert refused.value.sqlstate == "ZC009"
 
 
 def test_the_published_program_is_refused_in_one_message(conn: Conn) -> None:

@@ -86,11 +86,11 @@ def test_conflicts_say_whether_all_voyages_conflict(dsn: str, tmp_path: Path) ->
     with connect(dsn) as db:
         scene = db.scene("s")
         scene.detect()
-        told = scene.conflicts()
+        found = scene.conflicts()
         rows = db.connection.execute(COLUMN).fetchall()
         db.connection.rollback()
         assert sorted(rows, key=str) == sorted(expected, key=str)
-        assert sorted(((one.a_key, one.certainty) for one in told), key=repr) == sorted(
+        assert sorted(((one.a_key, one.certainty) for one in found), key=repr) == sorted(
             ((key, None if one is None else Certainty(one)) for key, one in expected), key=repr
         )
         scene.detect(full=True)
@@ -111,7 +111,7 @@ def test_conflicts_say_whether_all_voyages_conflict(dsn: str, tmp_path: Path) ->
         db.connection.rollback()
         solved = solve(tracks, areas, stored)
         assert {(one.a_key, one.b_key, one.certainty) for one in solved} == {
-            (one.a_key, one.b_key, one.certainty) for one in told
+            (one.a_key, one.b_key, one.certainty) for one in found
         }
         # A narrower window: one row changes.
         db.connection.execute(

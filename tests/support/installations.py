@@ -31,16 +31,16 @@ def local_server() -> Server:
 
 def linked(original: Server, to: Path) -> Path:
     """Lay out an installation of its own, and return its programs; a server finds its files from where it is itself."""
-    told = {name: Path(_told(original, name)) for name in ("bindir", "sharedir", "pkglibdir")}
-    prefix = Path(os.path.commonpath(told.values()))
+    directories = {name: Path(_configured(original, name)) for name in ("bindir", "sharedir", "pkglibdir")}
+    prefix = Path(os.path.commonpath(directories.values()))
     usr = to / "root" / "usr"  # as in trees of unpacked packages
-    copied = {name: usr / path.relative_to(prefix) for name, path in told.items()}
-    _link_members(told["bindir"], copied["bindir"], but=["postgres", "initdb", "pg_config"])
+    copied = {name: usr / path.relative_to(prefix) for name, path in directories.items()}
+    _link_members(directories["bindir"], copied["bindir"], but=["postgres", "initdb", "pg_config"])
     for program in ("postgres", "initdb", "pg_config"):
-        shutil.copy2(told["bindir"] / program, copied["bindir"])
-    copied["pkglibdir"].symlink_to(told["pkglibdir"])
-    _link_members(told["sharedir"], copied["sharedir"], but=["extension"])
-    _link_members(told["sharedir"] / "extension", copied["sharedir"] / "extension")
+        shutil.copy2(directories["bindir"] / program, copied["bindir"])
+    copied["pkglibdir"].symlink_to(directories["pkglibdir"])
+    _link_members(directories["sharedir"], copied["sharedir"], but=["extension"])
+    _link_members(directories["sharedir"] / "extension", copied["sharedir"] / "extension")
     if original.tree is not None:
         (to / "packages.txt").symlink_to(original.tree.path / "packages.txt")
         (usr / "share" / "proj").symlink_to(prefix / "share" / "proj")
@@ -49,7 +49,7 @@ def linked(original: Server, to: Path) -> Path:
     return copied["bindir"]
 
 
-def _told(original: Server, name: str) -> str:
+def _configured(original: Server, name: str) -> str:
     command = [original.bin / "pg_config", f"--{name}"]
     return subprocess.run(command, check=True, capture_output=True, text=True, env=original.environ).stdout.strip()
 

@@ -32,19 +32,19 @@ KEPT: Final = 16
 class Sampled:
     """Counts of a sampling.
 
-    wrong : contradictions; `told` describes the first of them: pair, kind, second and gap
+    wrong : contradictions; `problems` describes the first of them: pair, kind, second and gap
     """
 
     samples: int = 0
     overlapping: int = 0
     wrong: int = 0
-    told: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
 
     def add(self, other: "Sampled") -> None:
         self.samples += other.samples
         self.overlapping += other.overlapping
         self.wrong += other.wrong
-        self.told += other.told
+        self.problems += other.problems
 
 
 class _Earth(ctypes.Structure):
@@ -140,11 +140,11 @@ def sampled(scene: Scene, pieces: Pieces, pairs: Pairs, contacts: Contacts, rng:
         ctypes.byref(found),
     )
     assert status == 0, "a piece has more vertices than sampling.c takes"
-    told = (
+    problems = (
         f"pair {found.pair[k]}: {KINDS[found.kind[k]]}, {found.at_s[k]!r} s, a gap of {found.gap_m[k]:g} m in the plane"
         for k in range(min(found.wrong, KEPT))
     )
-    return Sampled(found.samples, found.overlapping, found.wrong, tuple(told))
+    return Sampled(found.samples, found.overlapping, found.wrong, tuple(problems))
 
 
 def placed(scene: Scene, pieces: Pieces, piece: int, zero_us: int, t: float) -> np.ndarray:

@@ -129,7 +129,7 @@ def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
         events.append({"Event": "SparkListenerStageCompleted", "Stage Info": told})
     (tmp_path / "events").mkdir()
     (tmp_path / "events" / "log").write_text("\n".join(map(json.dumps, events)))
-    found = scale_out.told_by(sparked.events(tmp_path), 0.5, 14.5)
+    found = scale_out.times_of(sparked.events(tmp_path), 0.5, 14.5)
     parts = {"pieces_s": 4.0, "join_s": 3.0, "solve_s": 4.0, "between_s": 3.0, "single_s": 1.0}
     expected = {**parts, "task_s": 18 * 0.6, "shuffled_mb": 9.5, "spilled_mb": 0.0}
     assert found == pytest.approx(expected)

@@ -85,17 +85,17 @@ def test_options_may_stand_between_keys_and_files(line: str, found: dict[str, An
     assert {name: args[name] for name in found} == found
 
 
-def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_error_of_a_wrong_choice_lists_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         build().parse_args(["detect", "--scene", "s", "--method", "exakt"])
-    told = capsys.readouterr().err
-    assert "'exakt'" in told
-    assert all(method in told for method in Method)
-    assert "<" not in told
+    err = capsys.readouterr().err
+    assert "'exakt'" in err
+    assert all(method in err for method in Method)
+    assert "<" not in err
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"),
+    ("typed", "message"),
     [
         (
             "detect f.geojson --separation 5",
@@ -133,12 +133,14 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
         ("admin servce cron", "conflictdb admin: unknown command 'servce'; did you mean service? (see"),
     ],
 )
-def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_of_an_unknown_option_names_its_command(
+    typed: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The command with an unknown option names its own help, and the option probably intended."""
     with pytest.raises(SystemExit) as ended:
         build().parse_args(shlex.split(typed))
     assert ended.value.code == codes.USAGE
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -226,8 +226,8 @@ def test_found_is_a_frame_with_the_columns_of_the_view() -> None:
     assert frame["a_key"].tolist() == [one.a_key for one in found]
     assert found.to_dataframe()["periods"].tolist() == [one.periods for one in found]
     for name in ("first_contact", "last_contact", "closest_at"):
-        told = [None if one is pd.NaT else one for one in frame[name]]
-        assert told == [getattr(one, name) for one in found], name
+        given = [None if one is pd.NaT else one for one in frame[name]]
+        assert given == [getattr(one, name) for one in found], name
     assert None in [one.first_contact for one in found]
     assert frame["closest_m"].tolist() == [one.closest_m for one in found]
     assert frame.geometry.notna().all()

@@ -309,7 +309,7 @@ def test_a_null_is_told_with_its_row(tmp_path: Path) -> None:
         [of_objects([], [Track(f"T{k}", [(0, 0), (0.01, 0)], [5, 3_600_000_000], [(0, 0)]) for k in range(4)])]
     )
     nullable = pa.schema([field.with_nullable(True) for field in whole.schema], whole.schema.metadata)
-    for name, value, told in (
+    for name, value, message in (
         ("id", None, "id: must not be null; it is in row 3"),
         ("times", [None, 9], "track 'T3': times: must not hold nulls"),
     ):
@@ -317,7 +317,7 @@ def test_a_null_is_told_with_its_row(tmp_path: Path) -> None:
         rows[3][name] = value
         for k in range(2):
             pq.write_table(pa.Table.from_pylist(rows[2 * k : 2 * k + 2], nullable), directory / f"part-{k}.parquet")
-        assert told in refusal(directory)
+        assert message in refusal(directory)
 
 
 def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
@@ -496,9 +496,9 @@ def test_all_mistakes_of_a_scene_are_told_or_left_out(tmp_path: Path) -> None:
     table = table.set_column(table.schema.get_field_index("ceiling_m"), "ceiling_m", ceiling.cast(pa.float64()))
     floor = pa.array([0.0] * 4)
     pq.write_table(table.set_column(table.schema.get_field_index("floor_m"), "floor_m", floor), path)
-    told = refusal(path)
-    assert "area 'B': ceiling_m: must be above floor_m" in told
-    assert "area 'D': ceiling_m" in told
+    message = refusal(path)
+    assert "area 'B': ceiling_m: must be above floor_m" in message
+    assert "area 'D': ceiling_m" in message
     contents = read(path, skip_invalid=True)
     assert [area.key for area in contents.areas] == ["A", "C"]
     assert [one.key for one in contents.skipped] == ["area 'B'", "area 'D'"]

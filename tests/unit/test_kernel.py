@@ -128,13 +128,13 @@ def test_a_piece_without_vertices_leaves_its_pairs_unresolved() -> None:
 
 
 @pytest.mark.parametrize(
-    ("offset", "told"), [([1, 8], "offsets"), ([0, 3], "offsets"), ([0, 9], "offsets"), ([0, -1], "offsets")]
+    ("offset", "message"), [([1, 8], "offsets"), ([0, 3], "offsets"), ([0, 9], "offsets"), ([0, -1], "offsets")]
 )
-def test_offsets_that_do_not_fit_are_refused(offset: list[int], told: str) -> None:
+def test_offsets_that_do_not_fit_are_refused(offset: list[int], message: str) -> None:
     plane, pieces, _ = batch(HIGH_LATITUDE)
     one = pieces.take(np.array([0]))
     one = replace(one, shape_offset=np.array(offset), shape_xy=np.zeros((8, 2)), shape_to_xy=np.zeros((8, 2)))
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         KernelScene(plane, one)
 
 

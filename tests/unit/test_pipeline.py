@@ -58,14 +58,14 @@ def source(chunks: int) -> PairSource:
 
 def rows(conflicts: Conflicts) -> set[str]:
     """All fields of each pair, in any order."""
-    told = []
+    rows = []
     for k in range(len(conflicts)):
         periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
         # No regions are needed here.
         columns = [one.name for one in fields(conflicts) if not one.name.startswith("period") and one.name != "where"]
-        told.append(repr((periods, [getattr(conflicts, name)[k].tolist() for name in columns])))
-    assert len(set(told)) == len(told)
-    return set(told)
+        rows.append(repr((periods, [getattr(conflicts, name)[k].tolist() for name in columns])))
+    assert len(set(rows)) == len(rows)
+    return set(rows)
 
 
 def run(scene: Scene, source: PairSource, **how: Any) -> tuple[Conflicts, Funnel]:
@@ -86,15 +86,15 @@ def counts(funnel: Funnel) -> dict[str, int]:
 def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> None:
     """Also one without any pair."""
     scene = replace(SCENE, method=method)
-    told: list[tuple[int, int]] = []
+    reports: list[tuple[int, int]] = []
     whole, funnel = run(scene, source(1))
-    parts, summed = run(scene, source(20), progress=lambda *done: told.append(done))
+    parts, summed = run(scene, source(20), progress=lambda *done: reports.append(done))
     assert len(whole) > 5
     assert rows(parts) == rows(whole)
     assert counts(summed) == counts(funnel)
-    assert told == sorted(told)
+    assert reports == sorted(reports)
     decided = funnel.solved_pairs + funnel.effort.exact.closed_forms
-    assert not told or told[-1] == (decided, decided)
+    assert not reports or reports[-1] == (decided, decided)
 
 
 @pytest.mark.parametrize(("share", "more"), [(0.25, 4), (None, 0)])
@@ -112,10 +112,10 @@ def test_progress_of_a_chunk_extrapolates_to_all_pairs_from_its_share(share: flo
         def plans(self, track_ids: Any) -> Any:
             return source(1).plans(track_ids)
 
-    told: list[tuple[int, int]] = []
-    _, funnel = run(SCENE, Part(), progress=lambda *done: told.append(done))
+    reports: list[tuple[int, int]] = []
+    _, funnel = run(SCENE, Part(), progress=lambda *done: reports.append(done))
     decided = funnel.solved_pairs + funnel.effort.exact.closed_forms
-    assert told[-1] == (decided, more * decided)
+    assert reports[-1] == (decided, more * decided)
 
 
 @pytest.mark.parametrize("method", Method)

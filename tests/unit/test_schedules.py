@@ -183,8 +183,8 @@ def test_daily_periods_of_zones() -> None:
 # --- NOTAM item D
 
 
-class Told:
-    """A text of item D, and what it means, from one random choice."""
+class DrawnItemD:
+    """A text of item D and its meaning, from one random choice."""
 
     def __init__(self, dice: random.Random) -> None:
         self.start = date(2026, dice.choice([1, 2, 6, 12]), dice.randint(1, 20))
@@ -253,14 +253,14 @@ class Told:
 def test_500_texts_of_item_d_equal_a_search_minute_by_minute() -> None:
     dice = random.Random(20260601)  # noqa: S311
     for _ in range(500):
-        told = Told(dice)
-        valid = us(told.start.isoformat()), us((told.end + timedelta(days=1)).isoformat())
-        spans = item_d_schedule("area 'A'", told.text, valid).expand(valid[0] - 10 * MINUTE_US, valid[1] + 10**12)
+        item = DrawnItemD(dice)
+        valid = us(item.start.isoformat()), us((item.end + timedelta(days=1)).isoformat())
+        spans = item_d_schedule("area 'A'", item.text, valid).expand(valid[0] - 10 * MINUTE_US, valid[1] + 10**12)
         minutes = np.arange(valid[0] // MINUTE_US - 60, valid[1] // MINUTE_US + 3 * 1440)
         at = minutes * MINUTE_US
         place = np.searchsorted(spans[:, 0], at, side="right") - 1
         found = (place >= 0) & (at < np.append(spans[:, 1], 0)[place])
-        assert (found == told.active(minutes)).all(), (told.text, told.start, told.end)
+        assert (found == item.active(minutes)).all(), (item.text, item.start, item.end)
 
 
 @pytest.mark.parametrize(

@@ -214,9 +214,12 @@ def test_what_spark_cannot_do_is_one_line() -> None:
         (Py4JNetworkError(""), "Py4JNetworkError"),
         (killed, "Python worker exited unexpectedly"),
     ):
-        with pytest.raises(ConflictDBError) as told, engine.errors_in_one_line(ConflictDBError, "Spark did not finish"):
+        with (
+            pytest.raises(ConflictDBError) as raised,
+            engine.errors_in_one_line(ConflictDBError, "Spark did not finish"),
+        ):
             raise error
-        assert str(told.value) == f"Spark did not finish: {said}"
+        assert str(raised.value) == f"Spark did not finish: {said}"
 
 
 def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
