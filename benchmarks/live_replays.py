@@ -1,6 +1,6 @@
 """Replay recorded traffic against plans made of it: whether alarms are right, and how many there are.
 
-    ./.venv/bin/python benchmarks/live_replays.py [skagerrak] [switzerland] [--hours 3] [--target DSN]
+    ./.venv/bin/python benchmarks/live_replays.py [skagerrak] [switzerland] [switzerland-zones] [--hours 3]
 
 A plan is every twentieth fix of a ship of the Skagerrak hour, or of a flight of the Swiss day, in a corridor, and
 earlier by a lateness of its own; positions are all fixes, at their instants. Each step of the recorded time is a look
@@ -30,7 +30,7 @@ from data import real_input
 from measured import fresh_database, load
 
 import conflictdb
-from conflictdb import Area, Scene, Track, rectangle_outline_m, solve
+from conflictdb import Area, Rule, Scene, Track, rectangle_outline_m, solve
 from conflictdb.formats.fixes import Fixes
 from conflictdb.jobs.replay import replay
 from conflictdb.model.recurring_plans import later
@@ -43,6 +43,8 @@ LATENESSES_MIN = (0, 0, 0, 0, 0, 0, -5, 5, 12, 25)
 # Looks between two comparisons with shifted copies.
 COMPARED_EVERY = 30
 MINUTE_US = 60_000_000
+# No plan lasts longer.
+SOON_US = 300 * MINUTE_US
 
 
 @dataclass(frozen=True)
@@ -82,9 +84,10 @@ class Recorded:
         until_us = min(int(one.times_us[0]) for one in self.tracks) + 3.6e9 * hours
         return replace(self, tracks=[one for one in self.tracks if one.times_us[0] < until_us])
 
-    def scene(self, name: str) -> Scene:
-        """Return its settings."""
-        return Scene(name, separation_m=self.separation_m, delays_within_s=DELAYS_WITHIN_S)
+    def scene(self, name: str, delays_within_s: float = 0.0) -> Scene:
+        """Return its settings: areas are not compared with each other."""
+        rules = [Rule("area", "area", allowed=True)]
+        return Scene(name, separation_m=self.separation_m, delays_within_s=delays_within_s, regions="off", rules=rules)
 
 
 @dataclass
@@ -127,6 +130,7 @@ class Watch:
 
     def _compare(self, now_us: int, verdicts: dict[frozenset[str], str]) -> None:
         """Compare with copies of plans that are late by what is possible."""
+        print(f"look {self.looks:,}: {sum(map(len, self.alarms.values())):,} alarms", file=sys.stderr, flush=True)
         with transaction(self.conn):
             rows = self.conn.execute("SELECT key, state, late_from_s, late_to_s FROM conflictdb.live").fetchall()
         states = {key: (state, low, high) for key, state, low, high in rows}
@@ -139,7 +143,13 @@ class Watch:
             if state == "past its end" or low is None or max(abs(low), abs(high)) > DELAYS_WITHIN_S:
                 unknown.add(plan.key)
                 continue
-            copies.append(later(plan, round(1e6 * rng.uniform(low, high))))
+            late_us = round(1e6 * rng.uniform(low, high))
+            # Nothing that is under way meets these.
+            if (
+                now_us - 30 * MINUTE_US <= plan.times_us[-1] + late_us
+                and plan.times_us[0] + late_us <= now_us + SOON_US
+            ):
+                copies.append(later(plan, late_us))
         really, over = set[frozenset[str]](), set[frozenset[str]]()
         for one in solve(copies, self.recorded.areas, self.recorded.scene("copies")):
             ends = [last for _, last in one.periods]
@@ -170,10 +180,18 @@ def switzerland() -> Recorded:
 
     Zones that are always active are left out: at any lateness a flight meets them as planned.
     """
+    every = switzerland_zones()
+    timed = [one for one in every.areas if one.start_us or one.end_us or one.spans_us or one.schedule]
+    return replace(every, name="Switzerland", areas=timed)
+
+
+def switzerland_zones() -> Recorded:
+    """Return the day of flights with all zones."""
     left_out: Counter[str] = Counter()
     tracks, _ = swiss_flights.flights(None, left_out)
-    zones = [one for one in swiss_flights.zones(left_out) if one.start_us or one.end_us or one.spans_us or one.schedule]
-    return Recorded("Switzerland", _points(tracks), zones, 1000.0, 1000.0, "1 minute")
+    return Recorded(
+        "Switzerland, all zones", _points(tracks), swiss_flights.zones(left_out), 1000.0, 1000.0, "1 minute"
+    )
 
 
 def _points(tracks: Iterable[Track]) -> list[Track]:
@@ -192,7 +210,7 @@ def replayed(dsn: str, recorded: Recorded) -> str:
         name = recorded.name
         db.connection.execute("SELECT set_config('conflictdb.silent_after', %s, false)", [recorded.silent_after])
         db.connection.commit()
-        load(db, recorded.scene(name), [(recorded.areas, plans)])
+        load(db, recorded.scene(name, DELAYS_WITHIN_S), [(recorded.areas, plans)])
         db.scene(name).detect()
         planned = {frozenset((one.a_key, one.b_key)) for one in db.scene(name).conflicts()}
         watch = Watch(db.connection, recorded, plans, planned)
@@ -205,7 +223,7 @@ def replayed(dsn: str, recorded: Recorded) -> str:
         count = replay(db.connection, name, fixes, speed=1e9, report=watch.look)
     hours = sum(int(one.times_us[-1] - one.times_us[0]) for one in recorded.tracks) / 3.6e9
     pairs = {pair: numbers for pair, numbers in watch.alarms.items() if "" not in pair}
-    happened = solve(recorded.tracks, recorded.areas, Scene("all fixes", separation_m=recorded.separation_m))
+    happened = solve(recorded.tracks, recorded.areas, recorded.scene("all fixes"))
     outcome = Counter(_outcome(watch, one) for one in happened)
     alarms, each = sum(map(len, watch.alarms.values())), [len(numbers) for numbers in pairs.values()] or [0]
     lines = [
@@ -245,7 +263,7 @@ def _told(watch: Watch, met: conflictdb.Conflict) -> str:
 
 def main() -> None:
     """Replay and print."""
-    recorded = {"skagerrak": skagerrak, "switzerland": switzerland}
+    recorded = {"skagerrak": skagerrak, "switzerland": switzerland, "switzerland-zones": switzerland_zones}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*recorded, []], default=[])
     parser.add_argument("--hours", type=float, default=np.inf, help="only tracks that begin in the first hours")
