@@ -234,7 +234,11 @@ def replayed(dsn: str, recorded: Recorded) -> str:
         f"encounters that happened {len(happened):,}: {dict(outcome.most_common())}",
         f"against shifted copies: {dict(watch.compared.most_common())}",
         *(f"wrong: {one}" for one in watch.wrong[:20]),
-        *(f"late or never: {text}" for one in happened if "never" in (text := _told(watch, one)) or "after" in text),
+        *(
+            f"late or never: {text}"
+            for one in happened
+            if "never" in (text := _described(watch, one)) or "after" in text
+        ),
     ]
     return "\n  ".join(lines)
 
@@ -255,7 +259,7 @@ def _outcome(watch: Watch, met: conflictdb.Conflict) -> str:
     return "plan over" if any(watch.over.get(key, np.inf) <= ends_us for key in pair) else "never named"
 
 
-def _told(watch: Watch, met: conflictdb.Conflict) -> str:
+def _described(watch: Watch, met: conflictdb.Conflict) -> str:
     """Return how an encounter was known, with its members, and its first and last contact."""
     named = watch.named.get(frozenset((met.a_key, met.b_key)))
     return f"{_outcome(watch, met)} {met.a_key} {met.b_key} {met.first_contact} {met.last_contact} {named}"

@@ -118,7 +118,7 @@ def repeated_sea(objects: int, seed: int) -> Iterator[Objects]:
 
 
 def _eastward(rng: np.random.Generator, lonlat: NDArray[np.float64], window: float) -> NDArray[np.float64]:
-    """Return by how many degrees of longitude each place moves to a random one of the window, and below a turn."""
+    """Return the degrees of longitude from each place to a random one of the window."""
     half = window / 2 / np.cos(np.radians(lonlat[:, 1]))
     return rng.uniform(-half, half) - lonlat[:, 0]
 

@@ -42,7 +42,7 @@ STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "wr
 CHANGES: Final = 15
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 _SAMPLE_S: Final = 0.1
-# Looks of a sampler take one part of its time in so many.
+# A sampler looks for at most a fiftieth of its time.
 _REST: Final = 50
 
 

@@ -29,7 +29,6 @@ STANDS_MPS: Final = 0.05
 class PlannedTimes:
     """Times and speeds of a plan, on which the state of its track depends.
 
-    first_us, last_us : when its first voyage begins and its last one ends
     gains : seconds that it may become earlier in a second: its speed limit, or else its fastest leg, by its slowest leg
     stands_us : how long its legs stand still, which it may omit
     fastest_mps : its speed limit, or else the speed of its fastest leg
@@ -37,8 +36,6 @@ class PlannedTimes:
     lasts_us : how long each takes
     """
 
-    first_us: int
-    last_us: int
     gains: float
     stands_us: int
     fastest_mps: float
@@ -62,7 +59,17 @@ class PlannedTimes:
         gains = max(0.0, fastest / slowest - 1.0 - _ROUNDING) if slowest > 0.0 else 0.0
         stands_us = int(lasts_us[~moves].sum())
         whole_us = int(times_us[-1] - times_us[0])
-        return cls(starts[0], starts[-1] + whole_us, gains, stands_us, fastest, starts, whole_us)
+        return cls(gains, stands_us, fastest, starts, whole_us)
+
+    @property
+    def first_us(self) -> int:
+        """When its first voyage begins."""
+        return self.starts_us[0]
+
+    @property
+    def last_us(self) -> int:
+        """When its last voyage ends."""
+        return self.starts_us[-1] + self.lasts_us
 
     def begins_us(self, at_us: int) -> int:
         """Return when the voyage after an instant begins, or the last one."""

@@ -162,8 +162,9 @@ class Memory:
     def pairs(self, question: Question) -> Iterator[Chunk]:
         """Implement `PairSource`."""
         pieces, number, mine = self.pieces, self.number, question.mine
-        order = np.lexsort((-pieces.turn, pieces.part, number)) if pieces.turn.any() else np.arange(len(pieces))
+        order = np.arange(len(pieces))
         if pieces.turn.any():
+            order = np.lexsort((-pieces.turn, pieces.part, number))
             pieces, number = pieces.take(order), number[order]
         at_once = DEFAULT_MEMORY.pairs
         found = batches(pieces, at_once, question.within_us) if mine is None else [self._in_order(question, order)]
@@ -197,7 +198,7 @@ class Memory:
     def rows(self, question: Question) -> tuple[PieceRows, PieceRows]:
         """Return all pairs of pieces (a, b) that a question asks for; a is one of mine, at another time perhaps.
 
-        Of a question with `mine` also pairs that share only the end of a span, in any order; `pairs` leaves them out.
+        With `mine` they include pairs that share only the end of a span, in any order; `pairs` leaves these out.
         """
         if question.mine is None:
             return candidates(self.pieces, question.within_us)

@@ -150,7 +150,7 @@ class Apart:
 
 @dataclass(frozen=True, slots=True)
 class ProvenContacts:
-    """ProvenContacts (n,) of two pieces at instants.
+    """Contacts (n,) of two pieces at instants.
 
     kind : contact, deep, or late: of a track with a smaller delay than the least one
     a, b, turns : (n,) as of `Apart`

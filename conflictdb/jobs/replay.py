@@ -32,7 +32,8 @@ def replay(
 
     The clock of the looks is that of the positions. Positions of other keys are left out.
 
-    Of a time without a position a day is replayed. Raises InvalidInput for a position in the future, before all others.
+    It skips the rest of a gap between positions after a day. Raises InvalidInput for a position in the future, before
+    it inserts any.
 
     speed : recorded seconds in a second
     report : called after each look with the instant and the number of positions

@@ -275,10 +275,11 @@ def with_shares(parts: Iterable[tuple[Iterator[Chunk], float | None]]) -> Iterat
     parts : the chunks of each, with their shares of its pairs, and the share of all pairs that is found after it
     """
     before = 0.0
-    for chunks, after in parts:
+    for chunks, share in parts:
+        after = share or 1.0
         for chunk in chunks:
-            yield chunk._replace(share=before + ((after or 1.0) - before) * (chunk.share or 1.0))
-        before = after or 1.0
+            yield chunk._replace(share=before + (after - before) * (1.0 if chunk.share is None else chunk.share))
+        before = after
 
 
 def pairs_of_parts(

@@ -30,7 +30,7 @@ FLOWN = Scene("flown", motion="great_circle", vertical_datum="wgs84")
 CONTINGENT_AFTER_S = 60.0
 # A flight outside its volumes keeps others out of this circle, metres, for so long.
 REACH_M, LASTS = 500.0, timedelta(minutes=5)
-TOLD_EVERY = timedelta(minutes=1)
+SENT_EVERY = timedelta(minutes=1)
 
 ACTIVATED, NONCONFORMING = OperationStateCode.Activated, OperationStateCode.Nonconforming
 CONTINGENT = OperationStateCode.Contingent
@@ -96,7 +96,7 @@ def as_volume(volume: dict[str, Any]) -> Any:
     return cast_to_volume4d(volume)
 
 
-async def tell_dss(
+async def update_dss(
     session: Any, flight_id: Any, before: OperationStateCode, state: OperationStateCode, intent: dict[str, Any]
 ) -> None:
     """Send the state and volumes of a flight to the DSS, if it is known there, and keep what peers ask for."""
@@ -117,7 +117,7 @@ async def tell_dss(
             ovn=reference.ovn,
         )
     except Exception:  # the state holds, whether or not the DSS answers
-        log.exception("flight %s: the DSS was not told that it is %s", flight_id, state.name)
+        log.exception("flight %s: the DSS did not get its state %s", flight_id, state.name)
         return
     if answer.status != 200:
         log.error("flight %s: the DSS refused that it is %s: %s", flight_id, state.name, answer.message)
@@ -132,7 +132,7 @@ class States:
     def __init__(self, db: Database) -> None:
         self.db = db
         self.volumes, self.heard, self.outside_s = dict[str, list[str]](), dict[str, datetime](), dict[str, float]()
-        self.told = defaultdict[str, datetime](lambda: datetime.min.replace(tzinfo=UTC))
+        self.sent = defaultdict[str, datetime](lambda: datetime.min.replace(tzinfo=UTC))
 
     async def step(self, session: Any) -> None:
         """Pass on new positions, and change the states of flights by what a worker found."""
@@ -150,11 +150,11 @@ class States:
                 await flights.add_state_history_entry(flight.id, int(before), int(state), f"{how} (conflictdb)")
                 await flights.update(flight.id, state=int(state))
             # A flight that left its volumes moves, and so does where it may be.
-            if event or (state != ACTIVATED and last is not None and last.created_at >= self.told[key] + TOLD_EVERY):
-                self.told[key] = datetime.min.replace(tzinfo=UTC) if last is None else last.created_at
+            if event or (state != ACTIVATED and last is not None and last.created_at >= self.sent[key] + SENT_EVERY):
+                self.sent[key] = datetime.min.replace(tzinfo=UTC) if last is None else last.created_at
                 intent = intent_of(json.loads(flight.operational_intent), state, last)
                 await flights.update(flight.id, operational_intent=json.dumps(intent))
-                await tell_dss(session, flight.id, before, state, intent)
+                await update_dss(session, flight.id, before, state, intent)
             if event:
                 helper = FlightOperationConformanceHelper(flight.id, session)
                 await helper.manage_operation_state_transition(int(before), int(state), event)
