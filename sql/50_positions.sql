@@ -300,7 +300,7 @@ BEGIN
     IF v_large IS NULL THEN
         v_from := pg_snapshot_xmax(v_look.seen);
         v_late := ARRAY(SELECT x FROM pg_snapshot_xip(v_look.seen) x WHERE pg_visible_in_snapshot(x, v_now));
-        -- No sort, and no more than p_most + 1 rows of each: a look costs the same, however much waits.
+        -- Reads at most p_most + 1 rows of each, without a sort: a look costs the same, however many wait.
         v_waiting := ARRAY(
             SELECT w.transaction_id
             FROM (SELECT o.transaction_id FROM unnest(v_late) x

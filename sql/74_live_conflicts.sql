@@ -256,7 +256,7 @@ BEGIN
             ON CONFLICT (scene_id, key, other_key) DO UPDATE
                 SET verdict = excluded.verdict, reason = excluded.reason, first_contact = excluded.first_contact,
                     last_contact = excluded.last_contact, place = excluded.place, as_of = excluded.as_of,
-                    -- What was acknowledged as may is not as must; what was as must stays so, as latenesses waver.
+                    -- An acknowledgement as may ends at must; one as must holds also at may, since latenesses waver.
                     acknowledged_by = CASE WHEN c.acknowledged_as <> 'may' OR excluded.verdict = 'may'
                                            THEN c.acknowledged_by END,
                     acknowledged_at = CASE WHEN c.acknowledged_as <> 'may' OR excluded.verdict = 'may'

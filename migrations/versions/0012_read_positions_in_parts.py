@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.jobs.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7fa203449d3bdb7ee023efc01a4057bf70b2ea72b9f816fe6c175e26af4fa156"
+routines_sha256 = "f093525a6ac55d9a4f2a191bb82fce81109e3c2229ff9c0f453760e8b9602bcf"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

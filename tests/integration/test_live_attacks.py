@@ -280,7 +280,7 @@ def test_nothing_is_left_of_a_scene_whose_removal_was_replicated(sea: Conn) -> N
 
 
 def test_a_track_waits_between_its_voyages(sea: Conn) -> None:
-    """Of a ferry out and back once a day, also where a day has 25 hours, and in each voyage it counts anew."""
+    """A ferry sails out and back once a day, also on a day of 25 hours; each voyage has a lateness of its own."""
     day, side = 25 * 60, rectangle_outline_m(500, 500, 500, 500)
     ends = [(0.0, 10.0), (0.5, 10.0), (0.0, 10.0)]
     departures = [us(-day), us(0), us(24 * 60)]

@@ -36,7 +36,7 @@ def test_a_made_up_question_knows_every_feature(tmp_path: Path) -> None:
 
 
 def test_its_file_names_no_feature() -> None:
-    """No column of plans, and no setting."""
+    """Its file contains the name of no column of plans and of no setting."""
     for _, _, code in blocks(Path(made_up_question.__file__)):
         assert columns_named(code, in_python=True) == ()
         assert not [one.name for one in SETTINGS if one.name in code and one.name not in ("name", "method")]
